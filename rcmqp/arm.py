@@ -1,0 +1,275 @@
+"""A fixed-base serial arm: the only owner of a pin.Data."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from rcmqp import dualquaternion as dq
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import FrameNotFound, InvalidCommand, JointLimitViolated, OptionError
+
+_LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
+"""(3, 3, 3): (a x b)_i = sum_jk e[i, j, k] a_j b_k."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmState:
+    """What one kinematics pass found at ``q``.
+
+    The effector is the point of the arm that is controlled: the flange, or, with an instrument
+    in a trocar, the point of the shaft that lay on the trocar at the start.
+
+    Attributes:
+        q: (nq,) configuration, Pinocchio's.
+        angles: (nv,) joint coordinates [rad] or [m]; an angle where a joint is continuous.
+        oMe: placement of the effector in the world, z along the shaft, into the patient.
+        x: (8,) the same placement as a unit dual quaternion, x_eff of the paper.
+        J_local: (6, nv) effector twist per joint velocity, linear [m] then angular [rad], in the
+            effector frame.
+    """
+
+    q: Array
+    angles: Array
+    oMe: pin.SE3
+    x: Array
+    J_local: Array
+
+    @property
+    def J_world_aligned(self) -> Array:
+        """(6, nv) the effector's twist in axes parallel to the world's, linear then angular."""
+        R = self.oMe.rotation
+        return np.vstack([R @ self.J_local[:3], R @ self.J_local[3:]])
+
+    @property
+    def J_dq(self) -> Array:
+        """(8, nv) J of equation (1): vec(x_eff)' = J_dq v.
+
+        With the effector's twist (nu, omega) in its own frame, x' = (1/2) x (omega + eps nu).
+        """
+        twist = np.zeros((8, self.J_local.shape[1]))
+        twist[1:4], twist[5:8] = self.J_local[3:], self.J_local[:3]
+        return 0.5 * dq.H8_plus(self.x) @ twist
+
+
+class Arm:
+    """A Pinocchio model, its tool flange and its home.
+
+    Made by load_arm(). Every joint has one degree of freedom and moves the flange; velocity
+    index i is joint i of the chain.
+
+    Attributes:
+        name: the name it was loaded by.
+        title: what people call it.
+        licence: of the model file.
+        model: Pinocchio's model.
+        flange: name of the frame that the instrument is mounted on.
+        home: (nv,) joint angles of the named starting pose [rad].
+        lower, upper: (nv,) position limits [rad]; infinite for continuous joints.
+        velocity: (nv,) speed limits [rad/s].
+        acceleration: (nv,) acceleration limits [rad/s^2]; infinite where none is known.
+        srs_offsets: (nv,) what to add to the joint angles so that they are those of a
+            spherical-revolute-spherical arm that is straight at zero; None for other arms.
+        urdf: the file that the model was read from.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        flange: str,
+        *,
+        name: str,
+        title: str | None = None,
+        licence: str = "unknown",
+        home: ArrayLike | None = None,
+        flange_offset: pin.SE3 | None = None,
+        acceleration: ArrayLike | None = None,
+        srs_offsets: ArrayLike | None = None,
+        urdf: Path | None = None,
+    ) -> None:
+        if not model.existFrame(flange):
+            raise FrameNotFound(flange, [frame.name for frame in model.frames])
+        self.model, self.flange, self.name = model, flange, name
+        self.title, self.licence, self.urdf = title or name, licence, urdf
+        frame = model.frames[model.getFrameId(flange)]
+        offset = flange_offset or pin.SE3.Identity()
+        self._joint: int = frame.parentJoint
+        self._jMflange = frame.placement * offset
+        self._jMe = self._jMflange
+        self._data = model.createData()
+        self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
+        self._idx_q = np.array([joint.idx_q for joint in model.joints[1:]])
+        self.lower = self._per_joint(model.lowerPositionLimit, -np.inf)
+        self.upper = self._per_joint(model.upperPositionLimit, np.inf)
+        self.velocity = _vector("velocity limits", model.velocityLimit, model.nv)
+        self.acceleration = _vector(
+            "acceleration",
+            np.full(model.nv, np.inf) if acceleration is None else acceleration,
+            model.nv,
+        )
+        self.srs_offsets = (
+            None if srs_offsets is None else _vector("srs_offsets", srs_offsets, model.nv)
+        )
+        middle = np.where(np.isfinite(self.lower + self.upper), (self.lower + self.upper) / 2, 0.0)
+        self.home = _vector("home", middle if home is None else home, model.nv)
+
+    def __repr__(self) -> str:
+        return f"Arm({self.name!r}, nv={self.nv}, flange={self.flange!r})"
+
+    @property
+    def nq(self) -> int:
+        """Size of Pinocchio's configuration vector; larger than nv with continuous joints."""
+        return int(self.model.nq)
+
+    @property
+    def nv(self) -> int:
+        """Number of joints, and size of a joint velocity."""
+        return int(self.model.nv)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, from the base to the flange."""
+        return tuple(self.model.names)[1:]
+
+    def with_effector(self, flangeMe: pin.SE3) -> Arm:
+        """The same arm, with the effector at a fixed placement seen from the flange."""
+        arm = object.__new__(Arm)
+        arm.__dict__.update(self.__dict__)
+        arm._data = self.model.createData()
+        arm._jMe = self._jMflange * flangeMe
+        return arm
+
+    def state(self, q: ArrayLike) -> ArmState:
+        """One kinematics pass at the configuration ``q`` (nq,).
+
+        Raises:
+            InvalidCommand: q has the wrong size, or is not finite.
+        """
+        q = self._checked(q, self.nq, "configuration q")
+        pin.computeJointJacobians(self.model, self._data, q)  # runs forward kinematics too
+        oMe = self._data.oMi[self._joint] * self._jMe
+        J_local = pin.getFrameJacobian(
+            self.model, self._data, self._joint, self._jMe, pin.ReferenceFrame.LOCAL
+        )
+        angles, x = self.angles(q), dq.from_se3(oMe)
+        for array in (q, angles, x, J_local):
+            array.setflags(write=False)
+        return ArmState(q, angles, oMe, x, J_local)
+
+    def angles(self, q: ArrayLike) -> Array:
+        """Joint coordinates (nv,) of a configuration (nq,): angles where joints are continuous."""
+        q = np.asarray(q, dtype=float)
+        angles = q[self._idx_q]
+        if self._continuous.any():
+            sine = q[np.where(self._continuous, self._idx_q + 1, self._idx_q)]
+            angles = np.where(self._continuous, np.arctan2(sine, angles), angles)
+        return np.asarray(angles)
+
+    def configuration(self, angles: ArrayLike) -> Array:
+        """Configuration (nq,) of joint coordinates (nv,); inverse of angles()."""
+        angles = self._checked(angles, self.nv, "joint angles")
+        q = np.zeros(self.nq)
+        q[self._idx_q] = np.where(self._continuous, np.cos(angles), angles)
+        q[self._idx_q[self._continuous] + 1] = np.sin(angles[self._continuous])
+        return q
+
+    def integrate(self, q: Array, v: Array, dt: float) -> Array:
+        """Configuration (nq,) reached from ``q`` at velocity ``v`` (nv,) after ``dt`` [s]."""
+        return np.asarray(pin.integrate(self.model, q, dt * v))
+
+    def limit_margin(self, angles: ArrayLike) -> Array:
+        """Distance (..., nv) of joint angles (..., nv) to the nearer limit; negative outside."""
+        angles = np.asarray(angles, dtype=float)
+        return np.asarray(np.minimum(angles - self.lower, self.upper - angles))
+
+    def check_limits(self, angles: ArrayLike) -> None:
+        """Check joint angles (nv,).
+
+        Raises:
+            JointLimitViolated: the joint that is farthest outside its limits.
+        """
+        angles = self._checked(angles, self.nv, "joint angles")
+        worst = int(np.argmin(self.limit_margin(angles)))
+        if self.limit_margin(angles)[worst] < 0.0:
+            raise JointLimitViolated(
+                self.joints[worst], angles[worst], self.lower[worst], self.upper[worst]
+            )
+
+    def random_angles(self, rng: np.random.Generator) -> Array:
+        """Joint angles (nv,) drawn evenly between the limits; within +-pi where there is none."""
+        return rng.uniform(np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi))
+
+    @functools.cached_property
+    def reach(self) -> float:
+        """Largest distance from the first joint's origin to the flange [m], found by search."""
+        rng = np.random.default_rng(0)
+        flange = self.with_effector(pin.SE3.Identity())
+        shoulder = np.array(self.model.jointPlacements[1].translation)
+        starts = sorted(
+            (self.random_angles(rng) for _ in range(500)),
+            key=lambda angles: -_distance(flange, angles, shoulder),
+        )
+        return max(_climb(flange, angles, shoulder) for angles in starts[:8])
+
+    def _per_joint(self, limit: Array, unlimited: float) -> Array:
+        values = np.where(self._continuous, unlimited, np.asarray(limit)[self._idx_q])
+        return _vector("position limits", values, len(self._idx_q))
+
+    @staticmethod
+    def _checked(values: ArrayLike, size: int, what: str) -> Array:
+        array = np.array(values, dtype=float)
+        if array.shape != (size,):
+            raise InvalidCommand(f"{what} has shape {array.shape}, it must be ({size},)")
+        if not np.isfinite(array).all():
+            raise InvalidCommand(f"{what} is not finite: {array}")
+        return array
+
+
+def kinematic_hessian(J_local: Array) -> Array:
+    """Kinematic Hessian (6, nv, nv) of a serial chain: H[:, i, j] = d J_local[:, i] / d q_j.
+
+    A column of the local Jacobian changes only with the joints beyond its own, by their Lie
+    bracket: d J_i / d q_j = [J_i, J_j] for i < j, else 0.
+
+    Args:
+        J_local: (6, nv) linear then angular, in the effector frame.
+    """
+    v, w = J_local[:3], J_local[3:]
+    cross = np.einsum("abc,bi,cj->aij", _LEVI_CIVITA, w, np.concatenate([v, w], axis=1))
+    w_x_v, w_x_w = np.split(cross, 2, axis=2)
+    beyond = np.triu(np.ones((v.shape[1], v.shape[1])), 1)
+    return np.asarray(beyond * np.concatenate([w_x_v - w_x_v.transpose(0, 2, 1), w_x_w]))
+
+
+def _vector(what: str, values: ArrayLike | Sequence[float], size: int) -> Array:
+    array = np.array(values, dtype=float)
+    if array.shape != (size,):
+        raise OptionError(f"{what} has shape {array.shape}, the arm has {size} joints")
+    array.setflags(write=False)
+    return array
+
+
+def _distance(arm: Arm, angles: Array, point: Array) -> float:
+    return float(np.linalg.norm(arm.state(arm.configuration(angles)).oMe.translation - point))
+
+
+def _climb(arm: Arm, angles: Array, point: Array) -> float:
+    """Largest distance [m] of the effector from a point, uphill from ``angles`` in the limits."""
+    best, step = _distance(arm, angles, point), 0.5
+    while step > 1e-6:
+        state = arm.state(arm.configuration(angles))
+        gradient = state.J_world_aligned[:3].T @ (state.oMe.translation - point)
+        moved = angles + step * gradient / max(float(np.linalg.norm(gradient)), 1e-12)
+        moved = np.clip(moved, arm.lower, arm.upper)
+        distance = _distance(arm, moved, point)
+        if distance > best:
+            best, angles = distance, moved
+        else:
+            step /= 2
+    return best

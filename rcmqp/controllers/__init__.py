@@ -1,0 +1,61 @@
+"""Controllers: from where the arm is and where it should be to a joint velocity.
+
+A new controller is a dataclass derived from Controller, added to CONTROLLERS; its fields, but
+the first two, are its options, on the command line too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.dual_quaternion import DualQuaternion
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.insertion import Insertion
+
+CONTROLLERS: dict[str, type[Controller]] = {"dual_quaternion": DualQuaternion}
+
+
+def make_controller(name: str, insertion: Insertion, period: float, **options: Any) -> Controller:
+    """Make a controller by name; hyphens and underscores are the same.
+
+    Args:
+        name: a key of CONTROLLERS.
+        insertion: what it controls.
+        period: sampling period T [s].
+        options: its own fields.
+
+    Raises:
+        UnknownName: there is no such controller, or it has no such option.
+        OptionError: an option's value is not allowed.
+    """
+    name = name.replace("-", "_")
+    if name not in CONTROLLERS:
+        raise UnknownName("controller", name, CONTROLLERS)
+    known = controller_options(name)
+    for option in options:
+        if option not in known:
+            raise UnknownName(f"option of {name}", option, known)
+    return CONTROLLERS[name](insertion, period, **options)
+
+
+def controller_options(name: str) -> dict[str, Any]:
+    """Options of a controller and their defaults."""
+    fields = dataclasses.fields(CONTROLLERS[name])
+    return {
+        field.name: field.default
+        for field in fields
+        if field.init and field.default is not dataclasses.MISSING
+    }
+
+
+__all__ = [
+    "CONTROLLERS",
+    "Command",
+    "Controller",
+    "DualQuaternion",
+    "OptionError",
+    "controller_options",
+    "make_controller",
+]

@@ -1,0 +1,146 @@
+"""The paper's controller: Marinho, Bernardes and Bo's dual-quaternion law, equation (6)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from rcmqp import dualquaternion as dq
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.dualquaternion import C8, Array
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.objectives import Objective, make_objective
+from rcmqp.reference import Reference
+
+VELOCITY_LIMITS = ("none", "scale", "clip")
+UNIT_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DualQuaternion(Controller):
+    """RCM and camera at one priority, through references that obey the RCM.
+
+        e     = vec(1 - x_eff* x_d),   N = H-(x_d) C_8 J                    (3)
+        theta_dot = K N^+ e + P K_c J_c^T (c_d - c(theta)),  P = I - N^+ N  (4), (6)
+
+    and theta(k+1) = theta(k) + T theta_dot, which is the plant's part.
+
+    Mended, where the paper as printed does not work: the sampling period T, missing in (6),
+    multiplies the whole step (K T = 60 would diverge in three steps); P is n x n, so N^+ N and
+    not N N^+; J_c is a row and is transposed; (c - c_d) would run away from c_d and is turned
+    round; of x_d and -x_d, one pose, the one on x_eff's side is taken, also in N, or the arm
+    would unwind the long way.
+
+    N is 8 x n and has rank 6 at the most: N^+ keeps at most six singular values, those above
+    ``tolerance`` times the largest. Its singular values are half of those of the effector's
+    geometric Jacobian.
+
+    Departures: c(theta) is SingularityProduct (see there) on arms of that kind and
+    manipulability on others, where ``objective`` is not given. All options from ``feed_forward``
+    on are extensions, off by default.
+
+    Attributes:
+        gain: K [1/s]; the paper's 60. K T must be below 2, and below 1 for no overshoot.
+        K_c: gain of the objective [1/s times the inverse of c's gradient squared]; the
+            paper's 7. 0 leaves the nullspace alone.
+        c_d: desired value of the objective; the paper's 1.
+        objective: its name in OBJECTIVES; empty for the arm's own, as above.
+        tolerance: relative cut-off of N^+.
+        feed_forward: add -vec(x_eff* x_d') to K e, which takes the lag of speed / K away.
+        damping: largest lambda in N^+ = V diag(s / (s^2 + lambda^2)) U^T, with lambda^2 =
+            damping^2 (1 - (s_6 / damping_from)^2) where the least singular value s_6 of N is
+            below ``damping_from``, else 0 (Nakamura and Hanafusa 1986; the paper's [15]).
+        damping_from: see ``damping``.
+        velocity_limit: what to do above the joints' speed limits: ``none``; ``scale`` the whole
+            velocity, which keeps its direction; ``clip`` each joint, which does not, and lets
+            the RCM go.
+    """
+
+    name: ClassVar[str] = "dual_quaternion"
+
+    gain: float = 60.0
+    K_c: float = 7.0
+    c_d: float = 1.0
+    objective: str = ""
+    tolerance: float = 1e-7
+    feed_forward: bool = False
+    damping: float = 0.0
+    damping_from: float = 0.02
+    velocity_limit: str = "none"
+    _objective: Objective = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the options and make the objective.
+
+        Raises:
+            OptionError: an option's value is not allowed.
+            UnknownName: there is no such objective.
+        """
+        super().__post_init__()
+        if not 0.0 < self.gain * self.period < 2.0:
+            raise OptionError(
+                f"gain * period = {self.gain} 1/s * {self.period} s = "
+                f"{self.gain * self.period:.3g}; the law is stable only inside (0, 2), and "
+                "without overshoot up to 1: lower the gain or sample faster"
+            )
+        for option in ("K_c", "c_d", "damping"):
+            if not (math.isfinite(getattr(self, option)) and self.K_c >= 0 <= self.damping):
+                raise OptionError(
+                    f"{option} = {getattr(self, option)}; K_c and damping must be 0 or more, "
+                    "c_d finite"
+                )
+        if not 0.0 < self.tolerance < 1.0:
+            raise OptionError(f"tolerance = {self.tolerance}, it must lie between 0 and 1")
+        if not self.damping_from > 0.0:
+            raise OptionError(f"damping_from = {self.damping_from}, it must be positive")
+        if self.velocity_limit not in VELOCITY_LIMITS:
+            raise UnknownName("velocity_limit", self.velocity_limit, VELOCITY_LIMITS)
+        arm = self.insertion.arm
+        own = "manipulability" if arm.srs_offsets is None else "singularity_product"
+        object.__setattr__(self, "objective", self.objective or own)
+        object.__setattr__(self, "_objective", make_objective(self.objective, arm))
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law at ``state``; see Controller.step()."""
+        dq.check_unit(reference.x_d, "x_d", UNIT_TOLERANCE)
+        flip = -1.0 if state.x[:4] @ reference.x_d[:4] < 0.0 else 1.0
+        x_d, x_d_dot = flip * reference.x_d, flip * reference.x_d_dot
+
+        x_conj = dq.conj(state.x)
+        wanted = self.gain * (dq.IDENTITY - dq.mul(x_conj, x_d))
+        if self.feed_forward:
+            wanted = wanted - dq.mul(x_conj, x_d_dot)
+        N = dq.H8_minus(x_d) @ C8 @ state.J_dq
+
+        U, s, Vt = np.linalg.svd(N, full_matrices=False)
+        rank = min(6, int(np.count_nonzero(s > self.tolerance * s[0])))
+        U, s, Vt = U[:, :rank], s[:rank], Vt[:rank]
+        v = Vt.T @ (self._inverse(s) * (U.T @ wanted))
+
+        c, J_c = self._objective.evaluate(state)
+        v_0 = self.K_c * (self.c_d - c) * J_c
+        v = v + v_0 - Vt.T @ (Vt @ v_0)
+
+        v, scale = self._limit(v)
+        least = float(s[-1]) if rank == min(6, len(v)) else 0.0
+        return Command(v, {"objective": c, "least_singular_value": least, "scale": scale})
+
+    def _inverse(self, s: Array) -> Array:
+        """Inverse of N's singular values (rank,), damped where the option says so."""
+        if self.damping == 0.0 or s[-1] >= self.damping_from:
+            return 1.0 / s
+        return np.asarray(s / (s**2 + self.damping**2 * (1.0 - (s[-1] / self.damping_from) ** 2)))
+
+    def _limit(self, v: Array) -> tuple[Array, float]:
+        """Velocity (nv,) within the limits as the option says, and the share kept of it."""
+        limits = self.insertion.arm.velocity
+        excess = float(np.max(np.abs(v) / limits))
+        if self.velocity_limit == "none" or excess <= 1.0:
+            return v, 1.0
+        if self.velocity_limit == "scale":
+            return v / excess, 1.0 / excess
+        return np.clip(v, -limits, limits), 1.0 / excess

@@ -1,0 +1,97 @@
+"""Every error that rcmqp raises on purpose.
+
+Each says what was given, what is allowed and what to do, and carries the objects that a
+program would want to look at.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class RcmqpError(Exception):
+    """Root of every error that rcmqp raises on purpose."""
+
+
+class UnknownName(RcmqpError, LookupError):
+    """A name is not in its registry.
+
+    Attributes:
+        kind: what was looked for, such as ``"arm"``.
+        name: the name given.
+        known: every name that would have been accepted.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.kind, self.name, self.known = kind, name, sorted(known)
+        close = difflib.get_close_matches(name, self.known, n=3, cutoff=0.5)
+        hint = f"; did you mean {' or '.join(close)}?" if close else ""
+        super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(self.known)})")
+
+
+class ArmError(RcmqpError):
+    """An arm's model cannot be read, or is not a fixed-base serial arm."""
+
+
+class FrameNotFound(ArmError):
+    """A frame name is not in the model."""
+
+    def __init__(self, name: str, frames: Iterable[str]) -> None:
+        self.name, self.frames = name, list(frames)
+        close = difflib.get_close_matches(name, self.frames, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(close)}?" if close else f"it has {self.frames}"
+        super().__init__(f"no frame {name!r} in the model; {hint}")
+
+
+class JointLimitViolated(RcmqpError):
+    """A configuration lies outside the joint limits."""
+
+    def __init__(self, joint: str, position: float, lower: float, upper: float) -> None:
+        self.joint, self.position, self.lower, self.upper = joint, position, lower, upper
+        super().__init__(
+            f"{joint} at {position:.4f} rad, allowed [{lower:.4f}, {upper:.4f}]; "
+            "start from a configuration inside the limits"
+        )
+
+
+class InsertionError(RcmqpError):
+    """Arm, instrument, trocar and starting configuration do not fit together."""
+
+
+class TrocarOffShaft(InsertionError):
+    """At the start the shaft does not pass through the trocar.
+
+    Attributes:
+        distance: from the trocar to the shaft's axis [m].
+        tolerance: what was allowed [m].
+    """
+
+    def __init__(self, distance: float, tolerance: float) -> None:
+        self.distance, self.tolerance = distance, tolerance
+        super().__init__(
+            f"the trocar is {1e3 * distance:.3f} mm off the shaft's axis at the start, allowed "
+            f"{1e3 * tolerance:.3f} mm; move the trocar or let find_start() choose the "
+            "configuration"
+        )
+
+
+class NoStartFound(InsertionError):
+    """No configuration inside the limits puts the shaft through the wished trocar."""
+
+
+class InvalidCommand(RcmqpError, ValueError):
+    """A view command, reference or joint reading is not a finite number."""
+
+
+class OptionError(RcmqpError, ValueError):
+    """An option of a scenario, path or controller has a value that is not allowed."""
+
+
+class RunFileError(RcmqpError):
+    """A file is not a run that this version can read, or cannot be written."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")

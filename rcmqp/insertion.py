@@ -1,0 +1,133 @@
+"""The instrument in the patient: arm, instrument, trocar and starting configuration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from rcmqp import dualquaternion as dq
+from rcmqp.arm import Arm, ArmState
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import InsertionError, TrocarOffShaft
+from rcmqp.instrument import Instrument, Trocar
+
+SHAFT_TOLERANCE = 1e-6
+"""How far the trocar may lie off the shaft's axis at the start [m]."""
+
+
+class Insertion:
+    """An arm whose effector is the point of the shaft that lies on the trocar at the start.
+
+    Section III of the paper: that point, z along the shaft, is the end effector, and its
+    placement at the start is x_d(0), which is also x_rcm of equation (7).
+
+    Attributes:
+        arm: the arm, its effector on the shaft.
+        instrument: the endoscope.
+        trocar: the incision.
+        angles_start: (nv,) joint angles at the start [rad].
+        q_start: (nq,) the same as Pinocchio's configuration.
+        x_rcm: (8,) x_d(0): at the pivot, turned as the shaft is at the start.
+        tip_depth: how far the tip is beyond the trocar at the start [m].
+        trocar_offset: how far the trocar is off the shaft's axis at the start [m].
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        instrument: Instrument,
+        trocar: Trocar,
+        angles_start: ArrayLike,
+        *,
+        tolerance: float = SHAFT_TOLERANCE,
+    ) -> None:
+        """Put the instrument through the trocar.
+
+        Args:
+            arm: its flange carries the instrument.
+            instrument: the endoscope.
+            trocar: the incision.
+            angles_start: (nv,) joint angles at the start [rad].
+            tolerance: how far the trocar may lie off the shaft's axis [m].
+
+        Raises:
+            JointLimitViolated: a joint starts outside its limits.
+            TrocarOffShaft: the shaft passes the trocar at a distance.
+            InsertionError: the trocar is not between the shaft's ends, or the tip is outside
+                the trocar's depth range.
+        """
+        arm.check_limits(angles_start)
+        flange = arm.with_effector(pin.SE3.Identity())
+        q_start = arm.configuration(angles_start)
+        oMf = flange.state(q_start).oMe
+        pivot = np.array(trocar.pivot)
+        seen = oMf.actInv(pivot)
+        self.trocar_offset = float(np.hypot(seen[0], seen[1]))
+        if self.trocar_offset > tolerance:
+            raise TrocarOffShaft(self.trocar_offset, tolerance)
+        along = float(seen[2])
+        _check_depth(instrument, trocar, along)
+        self.arm = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
+        self.instrument, self.trocar = instrument, trocar
+        self.tip_depth = instrument.tip - along
+        self.angles_start, self.q_start = arm.angles(q_start), q_start
+        self.x_rcm = dq.from_se3(pin.SE3(oMf.rotation, pivot))
+        for array in (self.angles_start, self.q_start, self.x_rcm):
+            array.setflags(write=False)
+
+    @classmethod
+    def on_shaft(
+        cls,
+        arm: Arm,
+        instrument: Instrument,
+        angles_start: ArrayLike | None = None,
+        *,
+        depth: float = 0.1,
+    ) -> Insertion:
+        """Put the trocar where the shaft is: ``depth`` [m] before the tip, axis along the shaft.
+
+        Without ``angles_start`` the arm starts at its home.
+        """
+        angles = arm.home if angles_start is None else angles_start
+        arm.check_limits(angles)
+        oMf = arm.with_effector(pin.SE3.Identity()).state(arm.configuration(angles)).oMe
+        pivot = oMf.act(np.array([0.0, 0.0, instrument.tip - depth]))
+        return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMf.rotation[:, 2])), angles)
+
+    def state(self, q: ArrayLike) -> ArmState:
+        """One kinematics pass at the configuration ``q`` (nq,); see Arm.state()."""
+        return self.arm.state(q)
+
+    def tip(self, x: ArrayLike) -> Array:
+        """Tip (..., 3) in the world [m] for effector poses x (..., 8)."""
+        return dq.translation(x) + dq.rotate(dq.P(x), np.array([0.0, 0.0, self.tip_depth]))
+
+
+def rcm_error(x: ArrayLike, pivot: ArrayLike) -> Array:
+    """Distance (...) from the pivot (..., 3) to the shaft's axis [m], for effectors x (..., 8)."""
+    r_conj = dq.quaternion_conj(dq.P(x))
+    seen = dq.rotate(r_conj, np.asarray(pivot) - dq.translation(x))
+    return np.asarray(np.hypot(seen[..., 0], seen[..., 1]))
+
+
+def insertion_depth(x: ArrayLike, pivot: ArrayLike, tip_depth: float) -> Array:
+    """How far (...) the tip is beyond the pivot, along the shaft [m], for effectors x (..., 8)."""
+    r_conj = dq.quaternion_conj(dq.P(x))
+    seen = dq.rotate(r_conj, np.asarray(pivot) - dq.translation(x))
+    return np.asarray(tip_depth - seen[..., 2])
+
+
+def _check_depth(instrument: Instrument, trocar: Trocar, along: float) -> None:
+    depth = instrument.tip - along
+    low, high = trocar.depth_range
+    if along < instrument.mount_offset:
+        raise InsertionError(
+            f"the tip would be {1e3 * depth:.1f} mm inside, the shaft is only "
+            f"{1e3 * instrument.length:.1f} mm long; choose a smaller depth"
+        )
+    if not low <= depth <= high:
+        raise InsertionError(
+            f"the tip starts {1e3 * depth:.1f} mm beyond the trocar, its depth range is "
+            f"[{1e3 * low:.1f}, {1e3 * high:.1f}] mm"
+        )

@@ -1,0 +1,203 @@
+"""Arms by name out of the robots folder, or from any URDF of a fixed-base serial arm."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.resources
+import math
+import os
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from rcmqp.arm import Arm
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import ArmError, FrameNotFound, UnknownName
+
+_EXAMPLE_ROBOT_DATA = "example-robot-data"
+
+
+def arm_names() -> list[str]:
+    """Names of the arms that load_arm() knows, sorted."""
+    return sorted(entry.name for entry in _robots().iterdir() if (entry / "robot.toml").is_file())
+
+
+def load_arm(
+    name: str | os.PathLike[str],
+    flange: str | None = None,
+    *,
+    home: ArrayLike | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> Arm:
+    """Load an arm by name, or from a URDF.
+
+    Joints that do not move the flange (grippers, other arms) are held where they are.
+
+    Args:
+        name: a name out of arm_names(), or the path of a URDF (it ends in .urdf).
+        flange: only with a URDF: the frame that the instrument is mounted on, z outwards.
+        home: only with a URDF: (nv,) joint angles of the starting pose [rad]; without it, a
+            configuration far from limits and singularities is searched, the same each time.
+        locked: only with a URDF: joints on the way to the flange to hold, with their position.
+
+    Raises:
+        UnknownName: no arm has this name.
+        FrameNotFound: the URDF has no such frame.
+        ArmError: the file is missing, is no URDF, or holds no fixed-base serial arm.
+    """
+    path = Path(name)
+    if path.suffix.lower() in (".urdf", ".xml", ".xacro") or path.parent != Path():
+        return _load_urdf(path, flange, home, locked or {})
+    if str(name) not in arm_names():
+        raise UnknownName("arm", str(name), arm_names())
+    if flange is not None or home is not None or locked is not None:
+        raise ArmError(
+            f"flange, home and locked go with a URDF's path; {name} has its own in robot.toml"
+        )
+    return _load_named(str(name))
+
+
+def _robots() -> Path:
+    return Path(str(importlib.resources.files("rcmqp.robots")))
+
+
+def _load_named(name: str) -> Arm:
+    folder = _robots() / name
+    try:
+        entry = tomllib.loads((folder / "robot.toml").read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ArmError(f"{folder / 'robot.toml'} is not TOML: {error}") from error
+    urdf = _resolve(folder, entry["urdf"])
+    frame = entry["flange"]
+    offset = pin.SE3(
+        pin.rpy.rpyToMatrix(np.array(frame.get("rpy", [0.0, 0.0, 0.0]))),
+        np.array(frame.get("xyz", [0.0, 0.0, 0.0])),
+    )
+    keys = ("title", "licence", "home", "acceleration", "srs_offsets")
+    return _build(
+        _read(urdf),
+        frame["frame"],
+        entry.get("locked", {}),
+        name=name,
+        urdf=urdf,
+        flange_offset=offset,
+        **{key: entry[key] for key in keys if key in entry},
+    )
+
+
+def _resolve(folder: Path, urdf: str) -> Path:
+    """Path of a robot.toml's URDF: beside it, or inside the example-robot-data wheel."""
+    package, colon, inside = urdf.partition(":")
+    if not colon:
+        return folder / urdf
+    try:
+        root = importlib.metadata.distribution(package).locate_file("")
+    except importlib.metadata.PackageNotFoundError as error:
+        raise ArmError(
+            f"{folder.name} needs the models of {package}: pip install {package}"
+        ) from error
+    return Path(str(root)) / "cmeel.prefix/share" / _EXAMPLE_ROBOT_DATA / "robots" / inside
+
+
+def _load_urdf(
+    path: Path, flange: str | None, home: ArrayLike | None, locked: Mapping[str, float]
+) -> Arm:
+    model = _read(path)
+    if flange is None:
+        bodies = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+        raise ArmError(
+            f"{path}: say which frame carries the instrument: flange=..., "
+            f"or --flange on the command line (the last ones are {', '.join(bodies[-4:])})"
+        )
+    arm = _build(model, flange, locked, name=str(path), title=model.name, urdf=path, home=home)
+    if home is None:
+        arm.home = _comfortable(arm)
+    return arm
+
+
+def _read(path: Path) -> pin.Model:
+    """Model of a URDF; what the parser would only print on the terminal, raised."""
+    if not path.is_file():
+        raise ArmError(f"{path}: no such file; give the path of a URDF, or a name: {arm_names()}")
+    try:
+        root = ET.parse(path).getroot()
+    except (ET.ParseError, UnicodeDecodeError) as error:
+        raise ArmError(f"{path} is not a URDF: {error}") from error
+    if root.tag != "robot" or "name" not in root.attrib:
+        raise ArmError(f'{path} is not a URDF: its root must be <robot name="...">')
+    for joint in root.iterfind("joint"):
+        if joint.get("type") in ("revolute", "prismatic") and joint.find("limit") is None:
+            raise ArmError(f"{path}: joint {joint.get('name')!r} has no <limit>; add one")
+    try:
+        return pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError) as error:
+        raise ArmError(
+            f"{path} is not a URDF that Pinocchio can read: {str(error).strip()}"
+        ) from error
+
+
+def _build(
+    model: pin.Model, flange: str, locked: Mapping[str, float], *, name: str, **about: Any
+) -> Arm:
+    """Hold the locked joints and those off the chain, check what is left, and make the Arm."""
+    if not model.existFrame(flange):
+        raise FrameNotFound(flange, [frame.name for frame in model.frames])
+    if model.njoints == 1:
+        raise ArmError(f"{name}: the URDF has no moving joints")
+    for joint in locked:
+        if not model.existJointName(joint):
+            raise UnknownName("joint", joint, list(model.names)[1:])
+    joint = model.frames[model.getFrameId(flange)].parentJoint
+    chain = set(model.supports[joint])
+    hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
+    q = pin.neutral(model)
+    for i in hold:
+        if model.names[i] in locked:
+            q[model.joints[i].idx_q] = locked[model.names[i]]
+    model = pin.buildReducedModel(model, hold, q)
+    _check(model, flange, name)
+    arm = Arm(model, flange, name=name, **about)
+    if about.get("home") is not None:
+        arm.check_limits(arm.home)
+    return arm
+
+
+def _check(model: pin.Model, flange: str, name: str) -> None:
+    if model.njoints == 1:
+        raise ArmError(f"{name}: no joint moves the flange {flange!r}; name a frame further out")
+    for joint, joint_name in zip(model.joints[1:], list(model.names)[1:], strict=True):
+        if joint.nv != 1:
+            raise ArmError(
+                f"{name}: joint {joint_name!r} has {joint.nv} degrees of freedom "
+                f"({joint.shortname()}); only a fixed-base arm of revolute, continuous and "
+                "prismatic joints can be used: fix the base to the world"
+            )
+        i, k = joint.idx_v, joint.idx_q
+        lower, upper = model.lowerPositionLimit[k], model.upperPositionLimit[k]
+        if not lower < upper:
+            raise ArmError(
+                f"{name}: joint {joint_name!r} has lower limit {lower} not below upper {upper}"
+            )
+        if not model.velocityLimit[i] > 0.0:
+            raise ArmError(
+                f"{name}: joint {joint_name!r} has velocity limit {model.velocityLimit[i]}; "
+                "give it a positive one in <limit velocity=...>"
+            )
+
+
+def _comfortable(arm: Arm, samples: int = 4000) -> Array:
+    """The best of many random configurations: far from its limits and from singularities."""
+    rng = np.random.default_rng(0)
+    candidates = np.array([arm.random_angles(rng) for _ in range(samples)])
+    J = np.array([arm.state(arm.configuration(angles)).J_local for angles in candidates])
+    least = np.linalg.svd(J, compute_uv=False)[:, -1]
+    margin = np.minimum(arm.limit_margin(candidates).min(axis=1), math.pi / 4)
+    home: Array = candidates[int(np.argmax(least * margin))]
+    home.setflags(write=False)
+    return home

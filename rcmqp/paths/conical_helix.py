@@ -1,0 +1,93 @@
+"""The conical helix of the paper's experiment A, drawn by the tool tip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmqp import dualquaternion as dq
+from rcmqp.errors import OptionError
+from rcmqp.reference import ViewCommand, view_of_tip
+
+
+@dataclass(frozen=True, slots=True)
+class ConicalHelix:
+    """A helix on a cone about an axis through the trocar, from rest to rest.
+
+    Seen from the trocar in axes whose z is the helix's axis, the tip is at
+
+        p(s) = [r cos(2 pi n s), r sin(2 pi n s), L + n h s],   r = r_0 + (r_1 - r_0) s,
+
+    for s from 0 to 1. The tip starts at p(0), where the arm has it, so the axis is tilted by
+    asin(r_0 / depth) from the shaft at the start. The paper names the path and gives no sizes;
+    the defaults are 20 s at about 20 mm/s rms, 10 to 14 cm deep.
+
+    Attributes:
+        radius_start, radius_end: r_0 and r_1 [m].
+        pitch: h, how much deeper the tip gets in one turn [m]; negative comes out.
+        turns: n.
+        duration: from rest to rest [s].
+        ramp: how long the start and the stop take [s]; s' rises as 10u^3 - 15u^4 + 6u^5,
+            is constant in between, and falls likewise.
+    """
+
+    radius_start: float = 0.010
+    radius_end: float = 0.030
+    pitch: float = 0.04 / 3
+    turns: float = 3.0
+    duration: float = 20.0
+    ramp: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the sizes."""
+        if not 0.0 <= min(self.radius_start, self.radius_end) < math.inf:
+            raise OptionError(f"radii {self.radius_start}, {self.radius_end} m: not below zero")
+        if not (math.isfinite(self.pitch) and math.isfinite(self.turns)):
+            raise OptionError(f"pitch = {self.pitch}, turns = {self.turns}: finite, please")
+        if not 0.0 < 2 * self.ramp <= self.duration < math.inf:
+            raise OptionError(
+                f"ramp = {self.ramp} s, duration = {self.duration} s: the ramp must be positive "
+                "and at most half of the duration"
+            )
+
+    def progress(self, t: float) -> tuple[float, float]:
+        """How far the helix has come at ``t`` [s], s in [0, 1], and s' [1/s]."""
+        if t > self.duration / 2:
+            s, s_dot = self.progress(self.duration - min(t, self.duration))
+            return 1.0 - s, s_dot
+        cruise = 1.0 / (self.duration - self.ramp)
+        if t >= self.ramp:
+            return cruise * (t - self.ramp / 2), cruise
+        u = max(t, 0.0) / self.ramp
+        rise = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        return cruise * self.ramp * u**4 * (2.5 - 3.0 * u + u**2), cruise * rise
+
+    def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
+        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.
+
+        Raises:
+            OptionError: the tip starts less deep than the helix is wide.
+        """
+        r_0, r_1, n = self.radius_start, self.radius_end, self.turns
+        if not tip_depth > r_0:
+            raise OptionError(
+                f"the tip starts {1e3 * tip_depth:.1f} mm inside; a helix of radius "
+                f"{1e3 * r_0:.1f} mm needs it deeper than that"
+            )
+        s, s_dot = self.progress(t)
+        turn, r = 2.0 * math.pi * n * s, r_0 + (r_1 - r_0) * s
+        cos, sin, swing = math.cos(turn), math.sin(turn), 2.0 * math.pi * n * r
+        L = math.sqrt(tip_depth**2 - r_0**2)
+        p = np.array([r * cos, r * sin, L + n * self.pitch * s])
+        dp_ds = np.array(
+            [(r_1 - r_0) * cos - swing * sin, (r_1 - r_0) * sin + swing * cos, n * self.pitch]
+        )
+        tilt = dq.rotation([0.0, 1.0, 0.0], -math.asin(r_0 / tip_depth))
+        return dq.rotate(tilt, p), dq.rotate(tilt, s_dot * dp_ds)
+
+    def command(self, t: float, tip_depth: float) -> ViewCommand:
+        """The view whose tip is on the helix at ``t`` [s], without roll."""
+        p, p_dot = self.tip(t, tip_depth)
+        return view_of_tip(p, p_dot, tip_depth)

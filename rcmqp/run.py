@@ -1,0 +1,203 @@
+"""A recorded run: named arrays with units, and where they come from; one HDF5 file."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import RunFileError
+from rcmqp.scenario import Scenario
+
+FORMAT = "rcmqp run"
+FORMAT_VERSION = 1
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def _channel(unit: str, meaning: str) -> Any:
+    return field(metadata={"unit": unit, "meaning": meaning})
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What happened, at n sampling instants; each row is taken before the step.
+
+    Every array is a dataset of the file, its unit and meaning are the dataset's attributes.
+    """
+
+    scenario: Scenario
+    controller: str
+    options: Mapping[str, Any]
+    versions: Mapping[str, str]
+    joints: tuple[str, ...]
+    lower: Array = _channel("rad", "(nv,) lower position limits; -inf for continuous joints")
+    upper: Array = _channel("rad", "(nv,) upper position limits; inf for continuous joints")
+    velocity_limit: Array = _channel("rad/s", "(nv,) joint speed limits")
+    time: Array = _channel("s", "(n,) sampling instants")
+    q: Array = _channel("rad", "(n, nq) Pinocchio's configuration")
+    angles: Array = _channel("rad", "(n, nv) joint angles")
+    v: Array = _channel("rad/s", "(n, nv) joint velocity, held until the next instant")
+    x: Array = _channel("1, m", "(n, 8) effector pose in the world, unit dual quaternion")
+    x_d: Array = _channel("1, m", "(n, 8) desired effector pose")
+    tip: Array = _channel("m", "(n, 3) tip in the world")
+    tip_d: Array = _channel("m", "(n, 3) desired tip")
+    tip_error: Array = _channel("m", "(n,) distance of the tip from the desired one")
+    effector_error: Array = _channel("m", "(n,) distance of the effector from the desired one")
+    orientation_error: Array = _channel("rad", "(n,) angle from the desired orientation")
+    rcm_error: Array = _channel("m", "(n,) distance of the trocar from the shaft's axis")
+    depth: Array = _channel("m", "(n,) insertion depth of the tip beyond the trocar")
+    singular_value: Array = _channel(
+        "m, rad", "(n,) least singular value of the effector's geometric Jacobian"
+    )
+    solve_time: Array = _channel("s", "(n,) time the controller took for the step")
+    diagnostics: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def period(self) -> float:
+        """Sampling period T [s]."""
+        return self.scenario.period
+
+    @property
+    def title(self) -> str:
+        """Scenario, arm and controller in one line."""
+        return f"{self.scenario}, {self.controller}"
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over everything but solve times and versions: equal runs, equal digests."""
+        sha = hashlib.sha256()
+        arrays = {**self.arrays(), **self.diagnostics}
+        for name in sorted(arrays.keys() - {"solve_time"}):
+            sha.update(name.encode())
+            sha.update(np.ascontiguousarray(arrays[name]).tobytes())
+        sha.update(self.scenario.to_json().encode())
+        sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
+        return sha.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        """Whether every number, name and version is the same, solve times too."""
+        if not isinstance(other, Run):
+            return NotImplemented
+        return (
+            self.digest == other.digest
+            and self.joints == other.joints
+            and dict(self.versions) == dict(other.versions)
+            and np.array_equal(self.solve_time, other.solve_time)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def arrays(self) -> dict[str, Array]:
+        """The arrays with a unit, by name."""
+        return {item.name: getattr(self, item.name) for item in _channels()}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write one HDF5 file; there is a whole file afterwards or none.
+
+        Raises:
+            RunFileError: the file cannot be written.
+        """
+        path = Path(path)
+        check_writable(path)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+        os.close(handle)
+        try:
+            with h5py.File(temporary, "w") as file:
+                self._write(file)
+            os.replace(temporary, path)
+        except OSError as error:
+            raise RunFileError(path, f"could not be written: {error}") from error
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+
+    def _write(self, file: h5py.File) -> None:
+        file.attrs["format"] = FORMAT
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["scenario"] = self.scenario.to_json()
+        file.attrs["controller"] = self.controller
+        file.attrs["options"] = json.dumps(dict(self.options))
+        file.attrs["versions"] = json.dumps(dict(self.versions))
+        file.attrs["joints"] = json.dumps(self.joints)
+        file.attrs["seed"] = self.scenario.seed
+        file.attrs["digest"] = self.digest
+        for item in _channels():
+            dataset = file.create_dataset(item.name, data=getattr(self, item.name))
+            dataset.attrs.update(item.metadata)
+        group = file.create_group("diagnostics")
+        for name, values in self.diagnostics.items():
+            group.create_dataset(name, data=values)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Run:
+        """Read what save() wrote.
+
+        Raises:
+            RunFileError: the file is missing, damaged, of another format or a later version.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise RunFileError(path, "no such file")
+        with path.open("rb") as stream:
+            if stream.read(len(SIGNATURE)) != SIGNATURE:
+                raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
+        try:
+            with h5py.File(path, "r") as file:
+                return cls._read(path, file)
+        except RunFileError:
+            raise
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+            raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
+
+    @classmethod
+    def _read(cls, path: Path, file: h5py.File) -> Run:
+        if file.attrs.get("format") != FORMAT:
+            raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
+        version = int(file.attrs["format_version"])
+        if version != FORMAT_VERSION:
+            raise RunFileError(
+                path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
+            )
+        run = cls(
+            scenario=Scenario.from_json(file.attrs["scenario"]),
+            controller=file.attrs["controller"],
+            options=json.loads(file.attrs["options"]),
+            versions=json.loads(file.attrs["versions"]),
+            joints=tuple(json.loads(file.attrs["joints"])),
+            diagnostics={name: data[()] for name, data in file["diagnostics"].items()},
+            **{item.name: file[item.name][()] for item in _channels()},
+        )
+        if run.digest != file.attrs["digest"]:
+            raise RunFileError(path, "damaged: its numbers do not fit its digest")
+        return run
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Find out before a run, not after it, whether a file can be written.
+
+    Raises:
+        RunFileError: it cannot; the message says why.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise RunFileError(path, "is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise RunFileError(path, f"there is no folder {path.parent}; make it first")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise RunFileError(path, f"cannot be written: {error}") from error
+
+
+def _channels() -> list[dataclasses.Field[Any]]:
+    return [item for item in dataclasses.fields(Run) if "unit" in item.metadata]

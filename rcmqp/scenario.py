@@ -1,0 +1,186 @@
+"""A scenario: everything about a run but the controller, as frozen data."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+import math
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.insertion import SHAFT_TOLERANCE, Insertion
+from rcmqp.instrument import Camera, Instrument, Trocar
+from rcmqp.loading import load_arm
+from rcmqp.paths import PATHS, Path
+from rcmqp.planner import Planner
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """An arm with an endoscope in a trocar, and what is asked of it.
+
+    Plain numbers and names only: two scenarios that compare equal give the same run to the bit.
+
+    Attributes:
+        name: what it is called.
+        arm: a name that load_arm() knows, or the path of a URDF.
+        angles_start: (nv,) joint angles at the start [rad].
+        instrument: the endoscope.
+        trocar: the incision.
+        path: the views asked for.
+        duration: how long to simulate [s]; past its own end, the path stays where it is.
+        period: sampling period T [s].
+        flange: with a URDF, the frame that carries the instrument.
+        planner_time: how long the path planner takes from one view to a far one [s], in equal
+            parts of one period each; None sends every view to the controller as it is.
+        shaft_tolerance: how far off the shaft the trocar may be found at the start [m].
+        seed: of everything random.
+    """
+
+    name: str
+    arm: str
+    angles_start: tuple[float, ...]
+    instrument: Instrument
+    trocar: Trocar
+    path: Path
+    duration: float
+    period: float = 1e-3
+    flange: str | None = None
+    planner_time: float | None = None
+    shaft_tolerance: float = SHAFT_TOLERANCE
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Make plain numbers of what was given, and check it."""
+        object.__setattr__(self, "angles_start", tuple(map(float, self.angles_start)))
+        for name in ("duration", "period"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise OptionError(f"{name} = {value} s, it must be positive")
+        if self.cycles < 2:
+            raise OptionError(
+                f"duration = {self.duration} s is shorter than one period of {self.period} s"
+            )
+        if self.planner_time is not None and not self.planner_time >= 2.0 * self.period:
+            raise OptionError(
+                f"planner_time = {self.planner_time} s, it must be two periods of "
+                f"{self.period} s or more"
+            )
+
+    def __str__(self) -> str:
+        """The name, and the arm."""
+        return f"{self.name} on {self.arm}"
+
+    @property
+    def cycles(self) -> int:
+        """Number of sampling instants, the first at 0 and the last at ``duration``."""
+        return round(self.duration / self.period) + 1
+
+    def insertion(self) -> Insertion:
+        """Load the arm and put the instrument in.
+
+        Raises:
+            RcmqpError: the arm cannot be loaded, or things do not fit together.
+        """
+        arm = load_arm(self.arm, self.flange)
+        return Insertion(
+            arm, self.instrument, self.trocar, self.angles_start, tolerance=self.shaft_tolerance
+        )
+
+    def planner(self, x_rcm: Array) -> Planner | None:
+        """The path planner about x_rcm (8,), N + 1 = planner_time / period; None without one."""
+        if self.planner_time is None:
+            return None
+        return Planner(x_rcm, round(self.planner_time / self.period) - 1, self.period)
+
+    def to_json(self) -> str:
+        """The scenario as JSON; from_json() makes an equal one of it."""
+        kinds = {cls: kind for kind, cls in PATHS.items()}
+        data = dataclasses.asdict(self)
+        data["path"] = {"kind": kinds[type(self.path)], **data["path"]}
+        return json.dumps(data, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Scenario:
+        """Make a scenario of what to_json() wrote.
+
+        Raises:
+            OptionError: the text is no scenario; the message says what is wrong with it.
+            UnknownName: its path is of an unknown kind.
+        """
+        try:
+            data = json.loads(text)
+            path = dict(data["path"])
+            kind = path.pop("kind")
+            if kind not in PATHS:
+                raise UnknownName("path", kind, PATHS)
+            instrument = dict(data["instrument"])
+            instrument["camera"] = Camera(**instrument["camera"])
+            return cls(
+                **{
+                    **data,
+                    "instrument": Instrument(**instrument),
+                    "trocar": Trocar(**data["trocar"]),
+                    "path": PATHS[kind](**path),
+                }
+            )
+        except RcmqpError:
+            raise
+        except (ValueError, TypeError, KeyError) as error:
+            raise OptionError(
+                f"this is not a scenario: {type(error).__name__}: {error}"
+            ) from error
+
+
+def scenario_names() -> list[str]:
+    """Names that load_scenario() knows, sorted."""
+    package = importlib.import_module("rcmqp.scenarios")
+    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+
+
+def load_scenario(
+    name: str, arm: str = "lwa3", *, flange: str | None = None, **changes: Any
+) -> Scenario:
+    """Make a scenario by name on an arm, or read one from a .json file.
+
+    Args:
+        name: a name out of scenario_names(), hyphens as good as underscores; or a file that
+            holds Scenario.to_json().
+        arm: a name that load_arm() knows, or the path of a URDF; not used with a file.
+        flange: with a URDF, the frame that carries the instrument.
+        changes: fields of Scenario to be other than the scenario has them, such as ``period``.
+
+    Raises:
+        UnknownName: there is no such scenario or field.
+        OptionError: the file is no scenario, or a value is not allowed.
+        RcmqpError: the arm cannot be loaded.
+    """
+    if name.endswith(".json"):
+        return _changed(_read(FilePath(name)), changes)
+    name = name.replace("-", "_")
+    if name not in scenario_names():
+        raise UnknownName("scenario", name, scenario_names())
+    module = importlib.import_module(f"rcmqp.scenarios.{name}")
+    scenario: Scenario = module.scenario(arm, flange=flange)
+    return _changed(scenario, changes)
+
+
+def _changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    fields = [field.name for field in dataclasses.fields(Scenario)]
+    for name in changes:
+        if name not in fields:
+            raise UnknownName("field of a scenario", name, fields)
+    return dataclasses.replace(scenario, **changes)
+
+
+def _read(file: FilePath) -> Scenario:
+    try:
+        return Scenario.from_json(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise OptionError(f"cannot read the scenario {file}: {error}") from error

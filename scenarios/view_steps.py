@@ -1,0 +1,41 @@
+"""Four views that follow each other at once, reached along the paper's path planner."""
+
+from __future__ import annotations
+
+import math
+
+from rcmqp import Instrument, Scenario, load_arm
+from rcmqp.insertion import Insertion
+from rcmqp.paths import ViewSteps
+
+
+def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
+    """Views 8 degrees and up to 3 cm apart; the planner takes 1.5 s from one to the next."""
+    insertion = Insertion.on_shaft(load_arm(arm, flange), Instrument(), depth=0.10)
+    turn = math.radians(8.0)
+    path = ViewSteps(
+        views=(
+            (0.0, 0.0, 0.0, 0.0),
+            (turn, turn, 0.0, 0.0),
+            (-turn, turn, 0.0, 0.03),
+            (0.0, 0.0, turn, 0.0),
+        ),
+        dwell=2.5,
+    )
+    return Scenario(
+        name="view_steps",
+        arm=arm,
+        flange=flange,
+        angles_start=tuple(insertion.angles_start),
+        instrument=insertion.instrument,
+        trocar=insertion.trocar,
+        path=path,
+        duration=path.duration,
+        planner_time=1.5,
+    )
+
+
+if __name__ == "__main__":
+    from rcmqp.cli import run_file
+
+    run_file(__file__)
