@@ -11,6 +11,7 @@ from rcmqp.reference import Reference, ViewCommand, view_pose
 from rcmqp.run import Run
 from rcmqp.scenario import Scenario, load_scenario, scenario_names
 from rcmqp.simulate import simulate
+from rcmqp.start import find_start
 
 __version__ = "0.1.0"
 
@@ -31,6 +32,7 @@ __all__ = [
     "ViewCommand",
     "arm_names",
     "compute_metrics",
+    "find_start",
     "load_arm",
     "load_scenario",
     "make_controller",

@@ -116,7 +116,9 @@ class Arm:
         self.srs_offsets = (
             None if srs_offsets is None else _vector("srs_offsets", srs_offsets, model.nv)
         )
-        middle = np.where(np.isfinite(self.lower + self.upper), (self.lower + self.upper) / 2, 0.0)
+        limited = np.isfinite(self.lower) & np.isfinite(self.upper)
+        middle = np.zeros(model.nv)
+        middle[limited] = (self.lower[limited] + self.upper[limited]) / 2
         self.home = _vector("home", middle if home is None else home, model.nv)
 
     def __repr__(self) -> str:
@@ -161,6 +163,12 @@ class Arm:
         for array in (q, angles, x, J_local):
             array.setflags(write=False)
         return ArmState(q, angles, oMe, x, J_local)
+
+    def skeleton(self, q: ArrayLike) -> Array:
+        """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
+        oMe = self.state(q).oMe
+        joints = [self._data.oMi[i].translation for i in range(self.model.njoints)]
+        return np.array([*joints, oMe.translation])
 
     def angles(self, q: ArrayLike) -> Array:
         """Joint coordinates (nv,) of a configuration (nq,): angles where joints are continuous."""
@@ -268,7 +276,7 @@ def _climb(arm: Arm, angles: Array, point: Array) -> float:
         moved = angles + step * gradient / max(float(np.linalg.norm(gradient)), 1e-12)
         moved = np.clip(moved, arm.lower, arm.upper)
         distance = _distance(arm, moved, point)
-        if distance > best:
+        if distance > best + 1e-9:
             best, angles = distance, moved
         else:
             step /= 2

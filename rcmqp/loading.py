@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.resources
-import math
 import os
 import tomllib
 import xml.etree.ElementTree as ET
@@ -26,6 +25,13 @@ _EXAMPLE_ROBOT_DATA = "example-robot-data"
 def arm_names() -> list[str]:
     """Names of the arms that load_arm() knows, sorted."""
     return sorted(entry.name for entry in _robots().iterdir() if (entry / "robot.toml").is_file())
+
+
+def arm_title(name: str) -> str:
+    """What people call the arm: the title in its robot.toml, or a URDF's file name."""
+    if name in arm_names():
+        return str(_entry(name)["title"])
+    return Path(name).stem
 
 
 def load_arm(
@@ -67,13 +73,17 @@ def _robots() -> Path:
     return Path(str(importlib.resources.files("rcmqp.robots")))
 
 
-def _load_named(name: str) -> Arm:
-    folder = _robots() / name
+def _entry(name: str) -> dict[str, Any]:
+    file = _robots() / name / "robot.toml"
     try:
-        entry = tomllib.loads((folder / "robot.toml").read_text(encoding="utf-8"))
+        return tomllib.loads(file.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
-        raise ArmError(f"{folder / 'robot.toml'} is not TOML: {error}") from error
-    urdf = _resolve(folder, entry["urdf"])
+        raise ArmError(f"{file} is not TOML: {error}") from error
+
+
+def _load_named(name: str) -> Arm:
+    entry = _entry(name)
+    urdf = _resolve(_robots() / name, entry["urdf"])
     frame = entry["flange"]
     offset = pin.SE3(
         pin.rpy.rpyToMatrix(np.array(frame.get("rpy", [0.0, 0.0, 0.0]))),
@@ -192,12 +202,17 @@ def _check(model: pin.Model, flange: str, name: str) -> None:
 
 
 def _comfortable(arm: Arm, samples: int = 4000) -> Array:
-    """The best of many random configurations: far from its limits and from singularities."""
+    """The best of many random configurations: far from its limits, and quick in every direction.
+
+    Quick: how fast a point in the middle of an instrument can move and turn (the units of metre
+    and radian mixed) before the first joint is at its speed limit.
+    """
     rng = np.random.default_rng(0)
+    middle = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2])))
     candidates = np.array([arm.random_angles(rng) for _ in range(samples)])
-    J = np.array([arm.state(arm.configuration(angles)).J_local for angles in candidates])
-    least = np.linalg.svd(J, compute_uv=False)[:, -1]
-    margin = np.minimum(arm.limit_margin(candidates).min(axis=1), math.pi / 4)
-    home: Array = candidates[int(np.argmax(least * margin))]
+    J = np.array([middle.state(arm.configuration(angles)).J_local for angles in candidates])
+    effort = np.linalg.norm(np.linalg.pinv(J), axis=-1) / np.minimum(arm.velocity, 10.0)
+    margin = np.minimum(arm.limit_margin(candidates).min(axis=1), 0.35)
+    home: Array = candidates[int(np.argmax(margin / effort.max(axis=1)))]
     home.setflags(write=False)
     return home

@@ -37,6 +37,7 @@ class Metrics:
     rcm_p95_mm: float
     orientation_rms_mrad: float
     orientation_max_mrad: float
+    orientation_p95_mrad: float
     depth_min_mm: float
     depth_max_mm: float
     speed_ratio_max: float
@@ -56,8 +57,7 @@ def compute_metrics(run: Run) -> Metrics:
         **_summary("tip", "mm", tip),
         **_summary("effector", "mm", effector),
         **_summary("rcm", "mm", rcm),
-        "orientation_rms_mrad": _rms(1e3 * run.orientation_error),
-        "orientation_max_mrad": 1e3 * run.orientation_error.max(),
+        **_summary("orientation", "mrad", 1e3 * run.orientation_error),
         "depth_min_mm": 1e3 * run.depth.min(),
         "depth_max_mm": 1e3 * run.depth.max(),
         "speed_ratio_max": np.abs(run.v / run.velocity_limit).max(),

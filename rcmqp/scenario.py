@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import importlib.util
 import json
 import math
 import pkgutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path as FilePath
+from types import ModuleType
 from typing import Any
 
 from rcmqp.dualquaternion import Array
@@ -147,12 +148,13 @@ def scenario_names() -> list[str]:
 def load_scenario(
     name: str, arm: str = "lwa3", *, flange: str | None = None, **changes: Any
 ) -> Scenario:
-    """Make a scenario by name on an arm, or read one from a .json file.
+    """Make a scenario by name on an arm, or read one from a file.
 
     Args:
-        name: a name out of scenario_names(), hyphens as good as underscores; or a file that
-            holds Scenario.to_json().
-        arm: a name that load_arm() knows, or the path of a URDF; not used with a file.
+        name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
+            those in the scenarios folder; or a .json file that holds Scenario.to_json().
+        arm: a name that load_arm() knows, or the path of a URDF; not used with
+            a .json file.
         flange: with a URDF, the frame that carries the instrument.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
@@ -162,21 +164,38 @@ def load_scenario(
         RcmqpError: the arm cannot be loaded.
     """
     if name.endswith(".json"):
-        return _changed(_read(FilePath(name)), changes)
-    name = name.replace("-", "_")
-    if name not in scenario_names():
-        raise UnknownName("scenario", name, scenario_names())
-    module = importlib.import_module(f"rcmqp.scenarios.{name}")
-    scenario: Scenario = module.scenario(arm, flange=flange)
-    return _changed(scenario, changes)
-
-
-def _changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+        scenario = _read(FilePath(name))
+    else:
+        scenario = scenario_module(name).scenario(arm, flange=flange)
     fields = [field.name for field in dataclasses.fields(Scenario)]
-    for name in changes:
-        if name not in fields:
-            raise UnknownName("field of a scenario", name, fields)
+    for change in changes:
+        if change not in fields:
+            raise UnknownName("field of a scenario", change, fields)
     return dataclasses.replace(scenario, **changes)
+
+
+def scenario_module(name: str) -> ModuleType:
+    """The module of a scenario: one of scenario_names(), or a .py file like those.
+
+    Raises:
+        UnknownName: there is no such scenario.
+        OptionError: the file is not there, or has no function ``scenario``.
+    """
+    if not name.endswith(".py"):
+        name = name.replace("-", "_")
+        if name not in scenario_names():
+            raise UnknownName("scenario", name, scenario_names())
+        return importlib.import_module(f"rcmqp.scenarios.{name}")
+    spec = importlib.util.spec_from_file_location(FilePath(name).stem, name)
+    if not FilePath(name).is_file() or spec is None or spec.loader is None:
+        raise OptionError(
+            f"{name}: no such file; give a scenario's file or one of {scenario_names()}"
+        )
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not hasattr(module, "scenario"):
+        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)")
+    return module
 
 
 def _read(file: FilePath) -> Scenario:

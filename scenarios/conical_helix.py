@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from rcmqp import Instrument, Scenario, load_arm
+from rcmqp import Instrument, Scenario, Trocar, find_start, load_arm
 from rcmqp.insertion import Insertion
 from rcmqp.paths import ConicalHelix
 
+DEPTH = 0.10
+"""How far the tip is inside at the start [m]."""
 
-def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
-    """The helix, from the arm's home, with the trocar where the shaft is there."""
-    instrument, path = Instrument(), ConicalHelix()
-    insertion = Insertion.on_shaft(load_arm(arm, flange), instrument, depth=0.10)
+
+def scenario(
+    arm: str = "lwa3", *, flange: str | None = None, trocar: Trocar | None = None
+) -> Scenario:
+    """The helix through a trocar, or, without one, from the arm's home, through one put there."""
+    instrument, path, loaded = Instrument(), ConicalHelix(), load_arm(arm, flange)
+    if trocar is None:
+        insertion = Insertion.on_shaft(loaded, instrument, depth=DEPTH)
+    else:
+        start = find_start(loaded, instrument, trocar, depth=DEPTH)
+        insertion = Insertion(loaded, instrument, trocar, start)
     return Scenario(
         name="conical_helix",
         arm=arm,

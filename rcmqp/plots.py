@@ -1,0 +1,129 @@
+"""Figures of runs, to stand beside the paper's."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from rcmqp import dualquaternion as dq
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import RunFileError
+from rcmqp.loading import arm_title
+from rcmqp.run import Run
+
+# Okabe and Ito's palette, told apart by the colour-blind too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+STYLES = ("-", "--", "-.", ":")
+SHAFTS = 7
+"""How many times the shaft is drawn along a trajectory."""
+
+
+def trajectory_figure(runs: Sequence[Run]) -> Figure:
+    """Tip trajectories in space, one column a run, as the paper's Fig. 2.
+
+    Above, the arm at the start with its instrument, in the world [m]. Below, the trajectory in
+    the axes of the effector at the start, with the trocar at the origin [mm]; the shaft is drawn
+    at a few instants, from the trocar to the tip.
+    """
+    figure = Figure(figsize=(4.6 * len(runs), 8.6), layout="constrained")
+    for i, run in enumerate(runs):
+        for row, draw in enumerate((_draw_arm, _draw_trajectory)):
+            axes = figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
+            draw(axes, run, COLOURS[i % len(COLOURS)])
+    return figure
+
+
+def error_figure(runs: Sequence[Run]) -> Figure:
+    """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3."""
+    figure = Figure(figsize=(8.0, 5.4), layout="constrained")
+    tip, rcm = figure.subplots(2, 1, sharex=True)
+    for i, run in enumerate(runs):
+        style = {
+            "color": COLOURS[i % len(COLOURS)],
+            "linestyle": STYLES[i % len(STYLES)],
+            "linewidth": 1.4,
+        }
+        tip.plot(run.time, 1e3 * run.tip_error, label=_label(run), **style)
+        rcm.plot(run.time, 1e3 * run.rcm_error, **style)
+    _label_axes(tip, "tip error [mm]")
+    _label_axes(rcm, "RCM error [mm]")
+    rcm.set_xlabel("time [s]")
+    figure.legend(loc="outside upper center", ncols=min(len(runs), 2), frameon=False)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
+    """Write a figure as PNG and as PDF, and return both paths.
+
+    Raises:
+        RunFileError: a file cannot be written.
+    """
+    paths = [Path(path).with_suffix(suffix) for suffix in (".png", ".pdf")]
+    for target in paths:
+        try:
+            figure.savefig(
+                target, dpi=160, metadata={"CreationDate": None} if target.suffix == ".pdf" else {}
+            )
+        except OSError as error:
+            raise RunFileError(target, f"could not be written: {error}") from error
+    return paths
+
+
+def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
+    insertion = run.scenario.insertion()
+    arm = insertion.arm.skeleton(run.q[0])
+    pivot = np.array(run.scenario.trocar.pivot)
+    axes.plot(*arm[:-1].T, color="0.45", linewidth=5, solid_capstyle="round", marker="o")
+    axes.plot(*np.array([arm[-2], run.tip[0]]).T, color="0.2", linewidth=1.6)
+    axes.plot(*run.tip.T, color=colour, linewidth=1.2)
+    axes.scatter(*pivot[:, None], color="black", s=22, depthshade=False)
+    points = np.vstack([arm, run.tip, pivot])
+    centre, half = (points.max(0) + points.min(0)) / 2, np.ptp(points, axis=0).max() / 2
+    low, high = centre - half, centre + half
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    axes.set_title(_label(run), fontsize=10)
+    axes.locator_params(nbins=5)
+    axes.zaxis.labelpad = 9
+    axes.set_box_aspect((1, 1, 1), zoom=0.82)
+    axes.view_init(elev=18, azim=-55)
+
+
+def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
+    wished, found = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
+    for k in np.linspace(0, len(run.time) - 1, SHAFTS).astype(int):
+        axes.plot(*np.column_stack([np.zeros(3), found[k]]), color="0.6", linewidth=0.8)
+    axes.plot(*wished.T, color="black", linewidth=2.8, alpha=0.25, label="wished tip")
+    axes.plot(*found.T, color=colour, linewidth=1.2, label="tip")
+    axes.scatter([0.0], [0.0], [0.0], color="black", s=30, label="trocar", depthshade=False)
+    half, deep = max(30.0, float(np.abs(wished[:, :2]).max())), float(wished[:, 2].max())
+    axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
+    axes.zaxis.labelpad = 9
+    axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.82)
+    axes.locator_params(nbins=6)
+    axes.view_init(elev=18, azim=-60)
+    axes.legend(loc="upper left", fontsize=8, frameon=False)
+
+
+def _from_trocar(run: Run, points: Array) -> Array:
+    """Points (n, 3) in the world, seen from the trocar in the axes of the start [mm]."""
+    start = dq.quaternion_conj(dq.P(run.x_d[0]))
+    return 1e3 * dq.rotate(start, points - np.array(run.scenario.trocar.pivot))
+
+
+def _label(run: Run) -> str:
+    period = f"T = {1e3 * run.period:g} ms"
+    return f"{arm_title(run.scenario.arm)}, {run.controller}, {period}"
+
+
+def _label_axes(axes: Axes, label: str) -> None:
+    axes.set_ylabel(label)
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
