@@ -308,7 +308,9 @@ def _value(option: str, text: str, kind: type) -> Any:
 def _bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """A progress bar on stderr: call what it gives with a title, cycles done, and in all."""
     columns = [*Progress.get_default_columns()[:-1], TimeRemainingColumn()]
-    with Progress(*columns, console=err, transient=True, disable=quiet) as progress:
+    with Progress(
+        *columns, console=err, transient=True, disable=quiet or not err.is_terminal
+    ) as progress:
         tasks: dict[str, Any] = {}
 
         def advance(title: str, done: int, total: int) -> None:

@@ -142,5 +142,5 @@ class DualQuaternion(Controller):
         if self.velocity_limit == "none" or excess <= 1.0:
             return v, 1.0
         if self.velocity_limit == "scale":
-            return v / excess, 1.0 / excess
+            v = v / excess  # what np.clip takes from this is rounding
         return np.clip(v, -limits, limits), 1.0 / excess
