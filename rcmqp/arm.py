@@ -72,6 +72,7 @@ class Arm:
         flange: name of the frame that the instrument is mounted on.
         home: (nv,) joint angles of the named starting pose [rad].
         lower, upper: (nv,) position limits [rad]; infinite for continuous joints.
+        middle: (nv,) middle of the position limits; 0 for continuous joints.
         velocity: (nv,) speed limits [rad/s].
         acceleration: (nv,) acceleration limits [rad/s^2]; infinite where none is known.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
@@ -119,6 +120,7 @@ class Arm:
         limited = np.isfinite(self.lower) & np.isfinite(self.upper)
         middle = np.zeros(model.nv)
         middle[limited] = (self.lower[limited] + self.upper[limited]) / 2
+        self.middle = _vector("middle", middle, model.nv)
         self.home = _vector("home", middle if home is None else home, model.nv)
 
     def __repr__(self) -> str:
@@ -205,8 +207,13 @@ class Arm:
         angles = self._checked(angles, self.nv, "joint angles")
         worst = int(np.argmin(self.limit_margin(angles)))
         if self.limit_margin(angles)[worst] < 0.0:
+            prismatic = self.model.joints[worst + 1].shortname().startswith("JointModelP")
             raise JointLimitViolated(
-                self.joints[worst], angles[worst], self.lower[worst], self.upper[worst]
+                self.joints[worst],
+                angles[worst],
+                self.lower[worst],
+                self.upper[worst],
+                "m" if prismatic else "rad",
             )
 
     def random_angles(self, rng: np.random.Generator) -> Array:

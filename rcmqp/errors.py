@@ -48,10 +48,12 @@ class FrameNotFound(ArmError):
 class JointLimitViolated(RcmqpError):
     """A configuration lies outside the joint limits."""
 
-    def __init__(self, joint: str, position: float, lower: float, upper: float) -> None:
+    def __init__(
+        self, joint: str, position: float, lower: float, upper: float, unit: str = "rad"
+    ) -> None:
         self.joint, self.position, self.lower, self.upper = joint, position, lower, upper
         super().__init__(
-            f"{joint} at {position:.4f} rad, allowed [{lower:.4f}, {upper:.4f}]; "
+            f"{joint} at {position:.4f} {unit}, allowed [{lower:.4f}, {upper:.4f}]; "
             "start from a configuration inside the limits"
         )
 

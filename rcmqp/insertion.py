@@ -90,7 +90,6 @@ class Insertion:
         Without ``angles_start`` the arm starts at its home.
         """
         angles = arm.home if angles_start is None else angles_start
-        arm.check_limits(angles)
         oMf = arm.with_effector(pin.SE3.Identity()).state(arm.configuration(angles)).oMe
         pivot = oMf.act(np.array([0.0, 0.0, instrument.tip - depth]))
         return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMf.rotation[:, 2])), angles)

@@ -90,6 +90,8 @@ class Trocar:
         else:
             object.__setattr__(self, "axis", vector3("axis", axis))
         _within("cone_half_angle", self.cone_half_angle, 0.0, math.pi)
+        if len(self.depth_range) != 2:
+            raise OptionError(f"depth_range = {self.depth_range}, it must be least and largest")
         low, high = (float(depth) for depth in self.depth_range)
         if not low < high:
             raise OptionError(f"depth_range = [{low}, {high}] m, the first must be the smaller")

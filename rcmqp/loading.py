@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.resources
+import math
 import os
 import tomllib
 import xml.etree.ElementTree as ET
@@ -160,22 +161,30 @@ def _build(
         raise FrameNotFound(flange, [frame.name for frame in model.frames])
     if model.njoints == 1:
         raise ArmError(f"{name}: the URDF has no moving joints")
-    for joint in locked:
+    for joint, position in locked.items():
         if not model.existJointName(joint):
             raise UnknownName("joint", joint, list(model.names)[1:])
+        if not math.isfinite(position):
+            raise ArmError(f"{name}: {joint} cannot be locked at {position}; give a number")
     joint = model.frames[model.getFrameId(flange)].parentJoint
     chain = set(model.supports[joint])
     hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
     q = pin.neutral(model)
     for i in hold:
         if model.names[i] in locked:
-            q[model.joints[i].idx_q] = locked[model.names[i]]
+            _set_angle(q, model.joints[i], locked[model.names[i]])
     model = pin.buildReducedModel(model, hold, q)
     _check(model, flange, name)
     arm = Arm(model, flange, name=name, **about)
     if about.get("home") is not None:
         arm.check_limits(arm.home)
     return arm
+
+
+def _set_angle(q: Array, joint: Any, angle: float) -> None:
+    """Put one joint's coordinate into q (nq,); a continuous joint has cosine and sine there."""
+    values = [angle] if joint.nq == 1 else [math.cos(angle), math.sin(angle)]
+    q[joint.idx_q : joint.idx_q + joint.nq] = values
 
 
 def _check(model: pin.Model, flange: str, name: str) -> None:

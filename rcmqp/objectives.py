@@ -112,7 +112,7 @@ class JointCentring(Objective):
         limited = np.isfinite(arm.upper - arm.lower)
         if not limited.any():
             raise OptionError(f"{arm.name} has no position limits; there is nothing to centre")
-        self._middle = np.where(limited, (arm.lower + arm.upper) / 2, 0.0)
+        self._middle = arm.middle
         self._half = np.where(limited, (arm.upper - arm.lower) / 2, np.inf)
         self._count = int(limited.sum())
 

@@ -80,8 +80,9 @@ class Planner:
 
     A reference near the last one passes through. A far one is approached along plan(), from
     the last reference rather than from the measured pose, so that no tracking error runs back
-    into the reference. While a target moves, what remains is divided anew each cycle; a target
-    that stands still is reached in equal parts, after N + 1 cycles.
+    into the reference. While a target moves a little each cycle, what remains is divided anew;
+    a target that stands still is reached in equal parts, after N + 1 cycles; one that jumps is
+    approached in N + 1 parts from where the reference is.
     """
 
     def __init__(self, x_rcm: ArrayLike, points: int, period: float) -> None:
@@ -93,18 +94,19 @@ class Planner:
 
     def reset(self) -> None:
         """Forget the last reference: the next one is approached from x_rcm."""
-        self._x, self._left = self.x_rcm, 0
+        self._x, self._target, self._left = self.x_rcm, self.x_rcm, 0
 
     def step(self, reference: Reference) -> Reference:
         """The reference of this cycle, on the way to ``reference``."""
         r_l, t_l = constrain(self.x_rcm, self._x)
         r_d, t_d = constrain(self.x_rcm, dq.align_sign(reference.x_d, self._x))
         log_turn, dive = _log_turn(r_l, r_d), t_d - t_l
-        if self._left == 0:
-            if 2.0 * float(np.linalg.norm(log_turn)) <= FAR_ANGLE and abs(dive) <= FAR_DEPTH:
-                self._x = reference.x_d
-                return reference
+        if self._left == 0 and not self._far(self._x, reference.x_d):
+            self._x = self._target = reference.x_d
+            return reference
+        if self._left == 0 or self._far(self._target, reference.x_d):
             self._left = self.points + 1
+        self._target = reference.x_d
         r = dq.quaternion_mul(r_l, dq.quaternion_exp(log_turn / self._left))
         t = t_l + dive / self._left
         omega = 2.0 * log_turn / (self._left * self.period)
@@ -112,6 +114,11 @@ class Planner:
         self._x = _constrained_pose(self.x_rcm, r, np.array(t))
         self._left -= 1
         return Reference(self._x, 0.5 * dq.mul(self._x, np.array([0.0, *omega, 0.0, *nu])))
+
+    def _far(self, x: Array, x_d: Array) -> bool:
+        """Whether x_d (8,) is further from x (8,) than may be asked for in one cycle."""
+        dive = constrain(self.x_rcm, x_d)[1] - constrain(self.x_rcm, x)[1]
+        return float(dq.angle_between(x, x_d)) > FAR_ANGLE or abs(dive) > FAR_DEPTH
 
 
 def _log_turn(r_l: Array, r_d: Array) -> Array:

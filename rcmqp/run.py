@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,11 +15,12 @@ import h5py
 import numpy as np
 
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import RunFileError
+from rcmqp.errors import RcmqpError, RunFileError
 from rcmqp.scenario import Scenario
 
 FORMAT = "rcmqp run"
 FORMAT_VERSION = 1
+CHECKED = {"fletcher32": True}  # each dataset carries checksums, verified on reading
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -109,16 +109,15 @@ class Run:
         """
         path = Path(path)
         check_writable(path)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-        os.close(handle)
+        part = _part(path)
         try:
-            with h5py.File(temporary, "w") as file:
+            with h5py.File(part, "w") as file:
                 self._write(file)
-            os.replace(temporary, path)
+            part.replace(path)
         except OSError as error:
             raise RunFileError(path, f"could not be written: {error}") from error
         finally:
-            Path(temporary).unlink(missing_ok=True)
+            part.unlink(missing_ok=True)
 
     def _write(self, file: h5py.File) -> None:
         file.attrs["format"] = FORMAT
@@ -131,11 +130,11 @@ class Run:
         file.attrs["seed"] = self.scenario.seed
         file.attrs["digest"] = self.digest
         for item in _channels():
-            dataset = file.create_dataset(item.name, data=getattr(self, item.name))
+            dataset = file.create_dataset(item.name, data=getattr(self, item.name), **CHECKED)
             dataset.attrs.update(item.metadata)
         group = file.create_group("diagnostics")
         for name, values in self.diagnostics.items():
-            group.create_dataset(name, data=values)
+            group.create_dataset(name, data=values, **CHECKED)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Run:
@@ -155,7 +154,7 @@ class Run:
                 return cls._read(path, file)
         except RunFileError:
             raise
-        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        except (RcmqpError, OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
 
     @classmethod
@@ -188,15 +187,20 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         RunFileError: it cannot; the message says why.
     """
     path = Path(path)
-    if path.is_dir():
-        raise RunFileError(path, "is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise RunFileError(path, f"there is no folder {path.parent}; make it first")
     try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
+        if path.is_dir():
+            raise RunFileError(path, "is a folder; give the name of a file")
+        if not path.parent.is_dir():
+            raise RunFileError(path, f"there is no folder {path.parent}; make it first")
+        _part(path).touch()
+        _part(path).unlink()
     except OSError as error:
         raise RunFileError(path, f"cannot be written: {error}") from error
+
+
+def _part(path: Path) -> Path:
+    """Where a file is written before it gets its name."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 
 def _channels() -> list[dataclasses.Field[Any]]:

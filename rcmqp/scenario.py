@@ -60,15 +60,23 @@ class Scenario:
     def __post_init__(self) -> None:
         """Make plain numbers of what was given, and check it."""
         object.__setattr__(self, "angles_start", tuple(map(float, self.angles_start)))
+        if not all(map(math.isfinite, self.angles_start)):
+            raise OptionError(f"angles_start = {self.angles_start}, they must be finite")
         for name in ("duration", "period"):
             value = getattr(self, name)
             if not 0.0 < value < math.inf:
                 raise OptionError(f"{name} = {value} s, it must be positive")
+        if not 0.0 <= self.shaft_tolerance < math.inf:
+            raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
+        if not isinstance(self.seed, int):
+            raise OptionError(f"seed = {self.seed!r}, it must be a whole number")
         if self.cycles < 2:
             raise OptionError(
                 f"duration = {self.duration} s is shorter than one period of {self.period} s"
             )
-        if self.planner_time is not None and not self.planner_time >= 2.0 * self.period:
+        if self.planner_time is not None and not (
+            2.0 * self.period <= self.planner_time < math.inf
+        ):
             raise OptionError(
                 f"planner_time = {self.planner_time} s, it must be two periods of "
                 f"{self.period} s or more"
@@ -116,7 +124,7 @@ class Scenario:
             UnknownName: its path is of an unknown kind.
         """
         try:
-            data = json.loads(text)
+            data = json.loads(text, parse_constant=_refuse)
             path = dict(data["path"])
             kind = path.pop("kind")
             if kind not in PATHS:
@@ -137,6 +145,10 @@ class Scenario:
             raise OptionError(
                 f"this is not a scenario: {type(error).__name__}: {error}"
             ) from error
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number that a scenario could use")
 
 
 def scenario_names() -> list[str]:

@@ -109,9 +109,10 @@ def _check_made_for(scenario: Scenario, controller: Controller) -> None:
         )
     insertion = controller.insertion
     same = (
-        insertion.trocar == scenario.trocar
+        insertion.arm.name == scenario.arm
+        and insertion.trocar == scenario.trocar
         and insertion.instrument == scenario.instrument
-        and tuple(insertion.angles_start) == scenario.angles_start
+        and np.array_equal(insertion.q_start, insertion.arm.configuration(scenario.angles_start))
     )
     if not same:
         raise OptionError(

@@ -1,1 +1,1 @@
-"""Robot arms as data: one folder an arm, with its robot.toml and, for the arms written here, its robot.urdf."""
+"""Arms as data: a folder each, with robot.toml and, where it is ours, robot.urdf."""

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.dualquaternion import C8, Array
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import InvalidCommand, OptionError, UnknownName
 from rcmqp.objectives import Objective, make_objective
 from rcmqp.reference import Reference
 
@@ -49,7 +50,10 @@ class DualQuaternion(Controller):
             paper's 7. 0 leaves the nullspace alone.
         c_d: desired value of the objective; the paper's 1.
         objective: its name in OBJECTIVES; empty for the arm's own, as above.
-        tolerance: relative cut-off of N^+.
+        tolerance: relative cut-off of N^+. The default gives up a direction that takes a
+            thousand times the joint speed of the easiest one. A commanded velocity is never
+            above K |e| / (tolerance s_1) plus the objective's; within the arm's speed limits
+            only with ``velocity_limit``.
         feed_forward: add -vec(x_eff* x_d') to K e, which takes the lag of speed / K away.
         damping: largest lambda in N^+ = V diag(s / (s^2 + lambda^2)) U^T, with lambda^2 =
             damping^2 (1 - (s_6 / damping_from)^2) where the least singular value s_6 of N is
@@ -66,7 +70,7 @@ class DualQuaternion(Controller):
     K_c: float = 7.0
     c_d: float = 1.0
     objective: str = ""
-    tolerance: float = 1e-7
+    tolerance: float = 1e-3
     feed_forward: bool = False
     damping: float = 0.0
     damping_from: float = 0.02
@@ -87,12 +91,11 @@ class DualQuaternion(Controller):
                 f"{self.gain * self.period:.3g}; the law is stable only inside (0, 2), and "
                 "without overshoot up to 1: lower the gain or sample faster"
             )
-        for option in ("K_c", "c_d", "damping"):
-            if not (math.isfinite(getattr(self, option)) and self.K_c >= 0 <= self.damping):
-                raise OptionError(
-                    f"{option} = {getattr(self, option)}; K_c and damping must be 0 or more, "
-                    "c_d finite"
-                )
+        for option in ("K_c", "damping"):
+            if not 0.0 <= getattr(self, option) < math.inf:
+                raise OptionError(f"{option} = {getattr(self, option)}, it must be 0 or more")
+        if not math.isfinite(self.c_d):
+            raise OptionError(f"c_d = {self.c_d}, it must be finite")
         if not 0.0 < self.tolerance < 1.0:
             raise OptionError(f"tolerance = {self.tolerance}, it must lie between 0 and 1")
         if not self.damping_from > 0.0:
@@ -113,26 +116,28 @@ class DualQuaternion(Controller):
         x_conj = dq.conj(state.x)
         wanted = self.gain * (dq.IDENTITY - dq.mul(x_conj, x_d))
         if self.feed_forward:
+            if not np.isfinite(x_d_dot).all():
+                raise InvalidCommand(f"x_d_dot is not finite: {x_d_dot}")
             wanted = wanted - dq.mul(x_conj, x_d_dot)
         N = dq.H8_minus(x_d) @ C8 @ state.J_dq
 
         U, s, Vt = np.linalg.svd(N, full_matrices=False)
-        rank = min(6, int(np.count_nonzero(s > self.tolerance * s[0])))
-        U, s, Vt = U[:, :rank], s[:rank], Vt[:rank]
-        v = Vt.T @ (self._inverse(s) * (U.T @ wanted))
+        U, s, Vt = U[:, :6], s[:6], Vt[:6]
+        kept = s > self.tolerance * s[0]
+        v = Vt.T @ (self._inverse(s, kept) * (U.T @ wanted))
 
         c, J_c = self._objective.evaluate(state)
         v_0 = self.K_c * (self.c_d - c) * J_c
-        v = v + v_0 - Vt.T @ (Vt @ v_0)
+        row_space = Vt[kept]
+        v = v + v_0 - row_space.T @ (row_space @ v_0)  # P = I - N^+ N
 
         v, scale = self._limit(v)
-        least = float(s[-1]) if rank == min(6, len(v)) else 0.0
-        return Command(v, {"objective": c, "least_singular_value": least, "scale": scale})
+        return Command(v, {"objective": c, "least_singular_value": float(s[-1]), "scale": scale})
 
-    def _inverse(self, s: Array) -> Array:
-        """Inverse of N's singular values (rank,), damped where the option says so."""
+    def _inverse(self, s: Array, kept: NDArray[np.bool_]) -> Array:
+        """Inverse of N's singular values (6,): truncated, or damped where the option says so."""
         if self.damping == 0.0 or s[-1] >= self.damping_from:
-            return 1.0 / s
+            return np.divide(1.0, s, out=np.zeros_like(s), where=kept)
         return np.asarray(s / (s**2 + self.damping**2 * (1.0 - (s[-1] / self.damping_from) ** 2)))
 
     def _limit(self, v: Array) -> tuple[Array, float]:

@@ -42,8 +42,11 @@ class ConicalHelix:
 
     def __post_init__(self) -> None:
         """Check the sizes."""
-        if not 0.0 <= min(self.radius_start, self.radius_end) < math.inf:
-            raise OptionError(f"radii {self.radius_start}, {self.radius_end} m: not below zero")
+        if not all(0.0 <= radius < math.inf for radius in (self.radius_start, self.radius_end)):
+            raise OptionError(
+                f"radius_start = {self.radius_start}, radius_end = {self.radius_end} m: they must "
+                "be finite and not below zero"
+            )
         if not (math.isfinite(self.pitch) and math.isfinite(self.turns)):
             raise OptionError(f"pitch = {self.pitch}, turns = {self.turns}: finite, please")
         if not 0.0 < 2 * self.ramp <= self.duration < math.inf:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 
 from rcmqp.errors import OptionError
@@ -25,7 +27,9 @@ class ViewSteps:
         views = tuple(tuple(map(float, view)) for view in self.views)
         if not views or any(len(view) != 4 for view in views):
             raise OptionError("views: at least one, each (alpha, beta, gamma, t_z)")
-        if not self.dwell > 0.0:
+        if not all(map(math.isfinite, itertools.chain(*views))):
+            raise OptionError(f"views = {views}, every number must be finite")
+        if not 0.0 < self.dwell < math.inf:
             raise OptionError(f"dwell = {self.dwell} s, it must be positive")
         object.__setattr__(self, "views", views)
 
@@ -36,4 +40,5 @@ class ViewSteps:
 
     def command(self, t: float, tip_depth: float) -> ViewCommand:
         """The view held at ``t`` [s]; ``tip_depth`` does not matter."""
-        return ViewCommand(*self.views[min(int(t / self.dwell), len(self.views) - 1)])
+        index = int(t / self.dwell + 1e-9)  # a sampling instant at a jump belongs to the next view
+        return ViewCommand(*self.views[min(max(index, 0), len(self.views) - 1)])

@@ -1,0 +1,44 @@
+"""What several tests need: derivatives, and geometry in Pinocchio's terms."""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from rcmqp.dualquaternion import Array
+
+assert_allclose = np.testing.assert_allclose
+
+
+def derivative(f: Callable[[float], ArrayLike], h: float = 1e-3) -> Array:
+    """df/dt at 0: two central differences, extrapolated so that the h^2 term drops out.
+
+    For functions and time scales of order 1 it is good to some 1e-12.
+    """
+
+    def central(step: float) -> Array:
+        return np.asarray(np.subtract(f(step), f(-step)) / (2.0 * step))
+
+    return (4.0 * central(h / 2) - central(h)) / 3.0
+
+
+def random_placement(rng: np.random.Generator) -> pin.SE3:
+    return pin.exp6(rng.normal(size=6))
+
+
+def shaft_distance(aMe: pin.SE3, point: ArrayLike) -> float:
+    """Distance of a point from the z axis of a placement, by the cross product."""
+    z = aMe.rotation[:, 2]
+    return float(np.linalg.norm(np.cross(np.asarray(point) - aMe.translation, z)))
+
+
+def robot_toml(name: str) -> dict[str, Any]:
+    """What the registry says of an arm, read past rcmqp's own loader."""
+    folder = importlib.resources.files("rcmqp.robots") / name
+    return tomllib.loads((folder / "robot.toml").read_text(encoding="utf-8"))

@@ -1,0 +1,216 @@
+"""The command line as a user types it: its exit code, and what it prints."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pytest
+
+from rcmqp import Run, arm_names, scenario_names
+from rcmqp.cli import main
+from rcmqp.controllers import CONTROLLERS, controller_options
+
+Call: TypeAlias = Callable[..., tuple[int, str, str]]
+
+PROMISED_METRICS = {  # names that others script against
+    "tip_rms_mm",
+    "tip_max_mm",
+    "effector_rms_mm",
+    "effector_max_mm",
+    "rcm_rms_mm",
+    "rcm_max_mm",
+    "orientation_rms_mrad",
+    "speed_ratio_max",
+    "limit_margin_min_rad",
+    "singular_value_min",
+    "solve_time_median_us",
+    "solve_time_p99_us",
+}
+SHORT = ("run", "conical_helix", "--duration", "0.1", "--period", "0.01")
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Call:
+    """Run a command line: exit code, stdout, stderr."""
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main(arguments)
+        code = stop.value.code
+        return int(code or 0), *capsys.readouterr()
+
+    return run
+
+
+def read_json(text: str) -> Any:
+    return json.loads(text)
+
+
+def test_run_prints_one_json_object_with_the_promised_names(call: Call) -> None:
+    code, out, err = call(*SHORT, "--arm", "meka_a2", "--seed", "3", "--json")
+    found = read_json(out)
+    assert (code, err) == (0, "")
+    assert (found["scenario"], found["arm"]) == ("conical_helix", "meka_a2")
+    assert found["controller"] == "dual_quaternion"
+    assert (found["period"], found["duration"], found["seed"]) == (0.01, 0.1, 3)
+    assert set(found["versions"]) >= {"rcmqp", "pin", "numpy"}
+    assert set(found["metrics"]) >= PROMISED_METRICS
+    assert all(isinstance(value, float) for value in found["metrics"].values())
+
+
+def test_period_gain_and_settings_reach_the_controller(call: Call) -> None:
+    settings = ("--set", "feed_forward=true", "--set", "K_c=0", "--set", "velocity_limit=clip")
+    _, out, _ = call(*SHORT, "--gain", "30", *settings, "--json")
+    options = read_json(out)["options"]
+    assert options["gain"] == 30.0
+    assert options["feed_forward"] is True
+    assert options["K_c"] == 0.0
+    assert options["velocity_limit"] == "clip"
+
+
+def test_a_run_written_is_the_run_shown(call: Call, tmp_path: Path) -> None:
+    file = tmp_path / "helix.h5"
+    _, written, _ = call(*SHORT, "--out", str(file), "--json")
+    _, shown, _ = call("show", str(file), "--json")
+    assert read_json(shown) == read_json(written)
+    assert Run.load(file).digest == read_json(written)["digest"]
+
+
+def test_run_and_show_name_every_error_and_the_file(call: Call, tmp_path: Path) -> None:
+    file = tmp_path / "helix.h5"
+    code, out, _ = call(*SHORT, "--out", str(file))
+    assert code == 0
+    for text in ("tip mm", "effector mm", "RCM mm", "orientation mrad", "joint speed", str(file)):
+        assert text in out
+    assert call("show", str(file))[1] == out
+
+
+def test_show_draws_figures(call: Call, tmp_path: Path) -> None:
+    file, folder = tmp_path / "helix.h5", tmp_path / "figures"
+    call(*SHORT, "--out", str(file))
+    code, out, _ = call("show", str(file), "--figures", str(folder))
+    names = {path.name for path in folder.iterdir()}
+    assert code == 0
+    assert names == {
+        f"helix_{kind}{end}" for kind in ("trajectory", "errors") for end in (".png", ".pdf")
+    }
+    assert all(name in out.replace("\n", "") for name in names)
+
+
+def test_lists_hold_the_whole_registries(call: Call) -> None:
+    arms = read_json(call("arms", "--json")[1])
+    assert [arm["name"] for arm in arms] == arm_names()
+    assert all(arm["reach"] > 0.3 and arm["licence"] and arm["joints"] for arm in arms)
+    assert list(read_json(call("scenarios", "--json")[1])) == scenario_names()
+    controllers = read_json(call("controllers", "--json")[1])
+    assert controllers == {name: controller_options(name) for name in CONTROLLERS}
+
+
+@pytest.mark.parametrize("command", ["arms", "scenarios", "controllers"])
+def test_tables_name_every_entry(call: Call, command: str) -> None:
+    _, table, _ = call(command)
+    for entry in read_json(call(command, "--json")[1]):
+        assert (entry["name"] if command == "arms" else entry) in table
+
+
+def test_one_arm_and_one_controller_are_explained(call: Call) -> None:
+    _, out, _ = call("arms", "kinova")
+    assert "j2s6s200_joint_1" in out
+    assert "inf" in out  # continuous
+    assert "Departures:" in call("controllers", "dual-quaternion")[1]
+
+
+def test_help_teaches_with_an_example_and_says_the_exit_codes(call: Call) -> None:
+    assert "Exit codes: 0 done; 1 refused" in " ".join(call("--help")[1].split())
+    assert "rcmqp run conical_helix --arm meka_a2" in call("run", "--help")[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((*SHORT, "--arm", "lwa4"), "did you mean lwa3"),
+        (("run", "conical_heliks"), "did you mean conical_helix"),
+        ((*SHORT, "--controller", "dual_quat"), "did you mean dual_quaternion"),
+        ((*SHORT, "--set", "feedforward=true"), "did you mean feed_forward"),
+        ((*SHORT, "--set", "feed_forward"), "write NAME=VALUE"),
+        ((*SHORT, "--set", "feed_forward=perhaps"), "must be true or false"),
+        ((*SHORT, "--set", "K_c=many"), "must be a number"),
+        ((*SHORT, "--set", "gain=3", "--gain", "4"), "given twice"),
+        ((*SHORT, "--gain", "300"), "stable only inside (0, 2)"),
+        ((*SHORT, "--gain", "nan"), "stable only inside (0, 2)"),
+        (("run", "conical_helix", "--period", "-1"), "period = -1.0 s"),
+        (("run", "conical_helix", "--duration", "nan"), "duration = nan s"),
+        ((*SHORT, "--arm", "no/such.urdf", "--flange", "tool"), "no such file"),
+        (("show", "no_such_run.h5"), "no such file"),
+        (("run", "no_such_scenario.py"), "no such file"),
+        (("controllers", "nonesuch"), "unknown controller"),
+        (("reproduce", "--out", "/dev/null/results"), "cannot be made"),
+    ],
+)
+def test_bad_input_ends_with_code_1_and_a_remedy(
+    call: Call, arguments: tuple[str, ...], message: str
+) -> None:
+    code, out, err = call(*arguments)
+    assert (code, out) == (1, "")
+    assert err.startswith("error: ")
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_wrong_usage_ends_with_code_2(call: Call) -> None:
+    assert call("run")[0] == 2
+    assert call("run", "conical_helix", "--nonesuch")[0] == 2
+
+
+def test_an_unwritable_path_is_found_before_the_run(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> None:
+        pytest.fail("the run was started")
+
+    monkeypatch.setattr("rcmqp.cli.simulate", never)
+    for file in (tmp_path / "missing" / "run.h5", tmp_path):
+        code, _, err = call(*SHORT, "--out", str(file))
+        assert code == 1
+        assert str(file) in err
+
+
+def test_a_broken_limit_is_said_on_stderr(call: Call) -> None:
+    assert call(*SHORT)[2] == ""
+    hasty = ("--set", "objective=joint_centring", "--set", "K_c=1000")
+    assert "exceed its speed limit" in call(*SHORT, *hasty)[2]
+    assert call(*SHORT, *hasty, "--set", "velocity_limit=scale")[2] == ""
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_scenario_files_run_by_themselves(name: str) -> None:
+    file = Path(__file__).parents[1] / "scenarios" / f"{name}.py"
+    command = [sys.executable, str(file), "--duration", "0.05", "--arm", "ur5", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert read_json(done.stdout)["scenario"] == name
+
+
+def test_a_scenario_file_of_ones_own_runs(call: Call, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "import dataclasses\nfrom rcmqp import load_scenario\n"
+        "def scenario(arm='lwa3', *, flange=None):\n"
+        "    return dataclasses.replace(load_scenario('conical_helix', arm), name='mine')\n"
+    )
+    _, out, _ = call("run", str(file), "--duration", "0.05", "--arm", "panda", "--json")
+    assert (read_json(out)["scenario"], read_json(out)["arm"]) == ("mine", "panda")
+    file.write_text("")
+    assert "has no function scenario" in call("run", str(file))[2]
+
+
+def test_python_dash_m_is_the_command_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rcmqp", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip().count(".") == 2

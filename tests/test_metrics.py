@@ -1,0 +1,104 @@
+"""Each metric against numbers worked out by hand on a run of four rows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers import assert_allclose
+
+from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
+
+
+@pytest.fixture(scope="module")
+def small() -> Run:
+    """Two joints, four rows, half a second apart, every number chosen."""
+    scenario = load_scenario("conical_helix", duration=1.5, period=0.5)
+    zeros = np.zeros(4)
+    return Run(
+        scenario=scenario,
+        controller="dual_quaternion",
+        options={},
+        versions={},
+        joints=("one", "two"),
+        lower=np.array([-1.0, -np.inf]),
+        upper=np.array([2.0, np.inf]),
+        velocity_limit=np.array([0.5, 4.0]),
+        time=np.array([0.0, 0.5, 1.0, 1.5]),
+        q=np.zeros((4, 3)),
+        angles=np.array([[0.0, 9.0], [1.0, -9.0], [1.75, 0.0], [-0.5, 0.0]]),
+        v=np.array([[0.1, 1.0], [-0.4, 1.0], [0.1, -3.0], [0.0, 0.0]]),
+        x=np.zeros((4, 8)),
+        x_d=np.zeros((4, 8)),
+        tip=np.zeros((4, 3)),
+        # steps of 3, 4 and 0 mm in half a second: 6, 8 and 0 mm/s
+        tip_d=np.array([[0, 0, 0], [3e-3, 0, 0], [3e-3, 0, 4e-3], [3e-3, 0, 4e-3]]),
+        tip_error=np.array([1e-3, 1e-3, 3e-3, 5e-3]),
+        effector_error=np.array([0.0, 4e-3, 0.0, 0.0]),
+        rcm_error=np.array([1e-6, 7e-6, 5e-6, 5e-6]),
+        orientation_error=np.array([2e-3, 4e-3, 4e-3, 8e-3]),
+        depth=np.array([0.1, 0.12, 0.09, 0.1]),
+        singular_value=np.array([0.3, 0.2, 0.1, 0.4]),
+        solve_time=zeros + np.array([1e-6, 2e-6, 4e-6, 101e-6]),
+    )
+
+
+def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
+    # p95 of four values lies at 0.95 * 3 = 2.85: between the last two, 0.15 below the largest
+    # one; p99 at 2.97.
+    expected = Metrics(
+        tip_rms_mm=3.0,  # sqrt((1 + 1 + 9 + 25) / 4)
+        tip_max_mm=5.0,
+        tip_p95_mm=4.7,
+        effector_rms_mm=2.0,
+        effector_max_mm=4.0,
+        effector_p95_mm=3.4,
+        rcm_rms_mm=5e-3,  # sqrt((1 + 49 + 25 + 25) / 4)
+        rcm_max_mm=7e-3,
+        rcm_p95_mm=6.7e-3,
+        orientation_rms_mrad=5.0,  # sqrt((4 + 16 + 16 + 64) / 4)
+        orientation_max_mrad=8.0,
+        orientation_p95_mrad=7.4,
+        depth_min_mm=90.0,
+        depth_max_mm=120.0,
+        speed_ratio_max=0.8,  # joint one at -0.4 of 0.5, before joint two at -3 of 4
+        limit_margin_min_rad=0.25,  # joint one at 1.75 of 2
+        singular_value_min=0.1,
+        tip_speed_rms_mm_s=10.0 / math.sqrt(3.0),  # sqrt((36 + 64 + 0) / 3)
+        solve_time_median_us=3.0,
+        solve_time_p99_us=101.0 - 0.03 * 97.0,
+    )
+    found = compute_metrics(small)
+    for field in dataclasses.fields(Metrics):
+        value = getattr(found, field.name)
+        assert type(value) is float
+        assert_allclose(value, getattr(expected, field.name), rtol=1e-12, err_msg=field.name)
+
+
+def test_a_joint_outside_its_limits_has_a_negative_margin(small: Run) -> None:
+    for angle, margin in ((2.5, -0.5), (-1.25, -0.25)):
+        angles = small.angles.copy()
+        angles[2, 0] = angle
+        outside = dataclasses.replace(small, angles=angles)
+        assert_allclose(compute_metrics(outside).limit_margin_min_rad, margin)
+
+
+def test_a_joint_over_its_speed_limit_has_a_ratio_above_1(small: Run) -> None:
+    v = small.v.copy()
+    v[3, 1] = -5.0
+    assert_allclose(compute_metrics(dataclasses.replace(small, v=v)).speed_ratio_max, 1.25)
+
+
+def test_an_arm_without_position_limits_has_an_infinite_margin(small: Run) -> None:
+    free = dataclasses.replace(small, lower=np.full(2, -np.inf), upper=np.full(2, np.inf))
+    assert compute_metrics(free).limit_margin_min_rad == math.inf
+
+
+def test_metrics_come_from_the_recorded_channels_alone() -> None:
+    scenario = load_scenario("conical_helix", duration=0.2, period=1e-3)
+    run = simulate(scenario, make_controller("dual_quaternion", scenario.insertion(), 1e-3))
+    before = run.digest
+    assert compute_metrics(run) == compute_metrics(run)
+    assert run.digest == before

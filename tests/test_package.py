@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.resources
+import subprocess
+import sys
+
+import pytest
+
+import rcmqp
+
+
+@pytest.mark.parametrize("name", rcmqp.__all__)
+def test_every_public_name_resolves(name: str) -> None:
+    assert getattr(rcmqp, name) is not None
+
+
+def test_public_names_are_sorted_and_listed_once() -> None:
+    assert rcmqp.__all__ == sorted(set(rcmqp.__all__))
+
+
+def test_version_is_that_of_the_distribution() -> None:
+    assert rcmqp.__version__ == importlib.metadata.version("rcmqp")
+
+
+def test_package_is_typed() -> None:
+    assert (importlib.resources.files("rcmqp") / "py.typed").is_file()
+
+
+def test_import_stays_light() -> None:
+    code = "import sys, rcmqp; print(sorted({'matplotlib', 'meshcat'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+
+import numpy as np
+import pytest
+from helpers import assert_allclose, derivative
+from scipy.integrate import quad
+
+from rcmqp import ViewCommand, view_pose
+from rcmqp import dualquaternion as dq
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError
+from rcmqp.paths import PATHS, ConicalHelix, Path, ViewSteps
+
+TIP_DEPTH = 0.1
+STEPS = ViewSteps(views=((0.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.3, 0.04)), dwell=0.5)
+SAMPLES: dict[str, Path] = {  # one of each path that is registered
+    "conical_helix": ConicalHelix(duration=4.0, ramp=0.7),
+    "view_steps": STEPS,
+}
+EVERY_PATH = pytest.mark.parametrize("name", sorted(PATHS))
+
+
+def values(command: ViewCommand) -> Array:
+    """(8,): angles and depth, then their rates."""
+    return np.array(dataclasses.astuple(command))
+
+
+# Every path --------------------------------------------------------------------------------
+
+
+@EVERY_PATH
+def test_every_path_is_tested_here_and_keeps_to_the_protocol(name: str) -> None:
+    path = SAMPLES[name]
+    assert type(path) is PATHS[name]
+    assert isinstance(path, Path)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(path, next(iter(inspect.signature(PATHS[name]).parameters)), 1.0)
+
+
+@EVERY_PATH
+def test_rates_are_the_derivatives_of_the_views(name: str) -> None:
+    rng = np.random.default_rng(7)
+    path = SAMPLES[name]
+    for t in rng.uniform(0.02, path.duration + 1.0, 60):
+
+        def view(s: float, t: float = t) -> Array:
+            return values(path.command(t + s, TIP_DEPTH))[:4]
+
+        found = values(path.command(t, TIP_DEPTH))[4:]
+        assert_allclose(found, derivative(view), rtol=0, atol=1e-9)
+
+
+@EVERY_PATH
+def test_a_path_stays_at_rest_where_it_ended(name: str) -> None:
+    path = SAMPLES[name]
+    end = values(path.command(path.duration, TIP_DEPTH))
+    assert not end[4:].any()
+    for late in (1e-3, 1.0, 1e4):
+        assert np.array_equal(values(path.command(path.duration + late, TIP_DEPTH)), end)
+
+
+@EVERY_PATH
+def test_a_path_starts_from_rest_at_the_view_of_the_start(name: str) -> None:
+    """At zero exactly, or the start of a run would turn the endoscope."""
+    start = values(SAMPLES[name].command(0.0, TIP_DEPTH))
+    assert_allclose(start[:4], 0.0, rtol=0, atol=1e-15)
+    assert not start[4:].any()
+
+
+# The helix ---------------------------------------------------------------------------------
+
+
+def progress(helix: ConicalHelix, t: float) -> float:
+    """S at t by quadrature of s' as it is described: a smooth rise, constant, the same fall."""
+
+    def speed(tau: float) -> float:
+        u = min(tau / helix.ramp, (helix.duration - tau) / helix.ramp, 1.0)
+        return 10 * u**3 - 15 * u**4 + 6 * u**5
+
+    corners = [helix.ramp, helix.duration - helix.ramp]
+    part, whole = (
+        quad(speed, 0.0, end, points=[c for c in corners if c < end], epsabs=1e-14)[0]
+        for end in (t, helix.duration)
+    )
+    return float(part / whole)
+
+
+@pytest.mark.parametrize(
+    "helix",
+    [
+        ConicalHelix(),
+        ConicalHelix(radius_start=0.03, radius_end=0.0, pitch=-0.01, turns=1.5, duration=3.0),
+        ConicalHelix(radius_start=0.0, turns=-2.0, duration=2.0, ramp=1.0),
+    ],
+    ids=["the paper's", "inwards and out", "from the axis"],
+)
+def test_the_tip_draws_the_helix_in_its_closed_form(helix: ConicalHelix) -> None:
+    r_0, r_1, n, h = helix.radius_start, helix.radius_end, helix.turns, helix.pitch
+    L = math.sqrt(TIP_DEPTH**2 - r_0**2)
+    tilt = np.array([[L, 0, -r_0], [0, TIP_DEPTH, 0], [r_0, 0, L]]) / TIP_DEPTH
+    for t in np.linspace(0.0, helix.duration, 37):
+        s = progress(helix, t)
+        r, turn = r_0 + (r_1 - r_0) * s, 2 * math.pi * n * s
+        expected = tilt @ [r * math.cos(turn), r * math.sin(turn), L + n * h * s]
+        view = dq.to_se3(view_pose(dq.IDENTITY, helix.command(t, TIP_DEPTH)).x_d)
+        tip = view.act(np.array([0.0, 0.0, TIP_DEPTH]))
+        assert_allclose(tip, expected, rtol=0, atol=1e-13)
+        assert_allclose(helix.tip(t, TIP_DEPTH)[0], expected, rtol=0, atol=1e-13)
+
+
+def test_the_helix_starts_and_stops_without_a_jolt() -> None:
+    helix = ConicalHelix(duration=2.0, ramp=0.5)
+    for corner in (0.0, 0.5, 1.5, 2.0):  # of the speed profile
+
+        def speed(t: float, corner: float = corner) -> float:
+            return helix.progress(corner + t)[1]
+
+        assert_allclose(derivative(speed), 0.0, rtol=0, atol=1e-5)
+    assert helix.progress(-1.0) == (0.0, 0.0)
+    assert helix.progress(9.0) == (1.0, 0.0)
+
+
+def test_the_default_helix_is_20_s_at_20_mm_per_s_and_10_to_14_cm_deep() -> None:
+    helix = ConicalHelix()
+    tips, speeds = zip(*(helix.tip(t, 0.1) for t in np.linspace(0, 20, 2001)), strict=True)
+    assert np.sqrt(np.mean(np.sum(np.square(speeds), axis=1))) == pytest.approx(0.02, rel=0.05)
+    depths = np.linalg.norm(tips, axis=1)
+    assert depths.min() == pytest.approx(0.10, abs=0.001)
+    assert depths.max() == pytest.approx(0.14, abs=0.005)
+
+
+def test_a_helix_wider_than_deep_is_refused() -> None:
+    with pytest.raises(OptionError, match=r"starts 10\.0 mm inside; a helix of radius 10\.0 mm"):
+        ConicalHelix().command(0.0, 0.01)
+
+
+@pytest.mark.parametrize("bad", [-0.01, math.nan, math.inf])
+@pytest.mark.parametrize("field", ["radius_start", "radius_end"])
+def test_a_helix_has_finite_radii_not_below_zero(field: str, bad: float) -> None:
+    with pytest.raises(OptionError, match=rf"{field} = {bad}.* finite and not below zero"):
+        ConicalHelix(**{field: bad})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pitch": math.nan}, "pitch = nan"),
+        ({"turns": math.inf}, "turns = inf"),
+        ({"ramp": 0.0}, "ramp = 0.0 s"),
+        ({"ramp": math.nan}, "ramp = nan s"),
+        ({"ramp": 1.1, "duration": 2.0}, "at most half of the duration"),
+        ({"duration": math.inf}, "duration = inf s"),
+    ],
+)
+def test_a_helix_has_sizes_that_make_sense(options: dict[str, float], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        ConicalHelix(**options)
+
+
+# The steps ---------------------------------------------------------------------------------
+
+
+def test_steps_hold_each_view_for_its_time() -> None:
+    assert STEPS.duration == 2 * 0.5
+    for t, view in ((0.0, 0), (0.49, 0), (0.5, 1), (0.99, 1), (1.0, 1)):
+        assert STEPS.command(t, TIP_DEPTH) == ViewCommand(*STEPS.views[view])
+
+
+def test_steps_hold_plain_tuples() -> None:
+    array = np.array(STEPS.views)
+    assert ViewSteps(views=array, dwell=0.5) == STEPS  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("views", "dwell", "message"),
+    [
+        ((), 1.0, "views: at least one"),
+        (((0.0, 0.0, 0.0),), 1.0, r"each \(alpha, beta, gamma, t_z\)"),
+        (((0.0, 0.0, 0.0, 0.0),), 0.0, "dwell = 0.0 s, it must be positive"),
+        (((0.0, 0.0, 0.0, 0.0),), math.nan, "dwell = nan s"),
+    ],
+)
+def test_steps_that_make_no_sense_are_refused(
+    views: tuple[tuple[float, float, float, float], ...], dwell: float, message: str
+) -> None:
+    with pytest.raises(OptionError, match=message):
+        ViewSteps(views, dwell)

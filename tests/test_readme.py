@@ -1,0 +1,37 @@
+"""What the README shows is what happens."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+from rcmqp.reproduce import reproduce_a
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+SHOWN = re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", README, flags=re.DOTALL)
+
+
+def test_each_program_prints_what_stands_below_it() -> None:
+    assert SHOWN
+    for program, printed in SHOWN:
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out):
+            exec(compile(program, "README.md", "exec"), {})
+        assert out.getvalue() == printed
+
+
+def test_the_results_are_those_that_reproduce_prints(tmp_path: Path) -> None:
+    assert reproduce_a(tmp_path).table in README
+
+
+def test_every_file_and_test_that_it_names_is_there() -> None:
+    root = Path(__file__).parents[1]
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert target.startswith("https://") or (root / target).exists(), target
+    tests = "".join(path.read_text(encoding="utf-8") for path in root.glob("tests/test_*.py"))
+    named = re.findall(r"`(test_\w+)`", README)
+    assert named
+    for name in named:
+        assert f"def {name}(" in tests, name

@@ -1,0 +1,96 @@
+"""Experiment A as one call, and the figures that it draws."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3D
+
+from rcmqp import Run, make_controller, plots, simulate
+from rcmqp.metrics import compute_metrics
+from rcmqp.reproduce import comparison_table, reproduce_a
+from rcmqp.scenario import load_scenario
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    """Two seconds of the helix on both arms."""
+    found = []
+    for arm in ("lwa3", "meka_a2"):
+        scenario = load_scenario("conical_helix", arm, period=0.01, duration=2.0)
+        controller = make_controller("dual_quaternion", scenario.insertion(), 0.01)
+        found.append(simulate(scenario, controller))
+    return found
+
+
+def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> None:
+    reported: dict[str, int] = {}
+    totals: dict[str, int] = {}
+
+    def progress(title: str, done: int, total: int) -> None:
+        reported[title] = reported.get(title, 0) + done
+        totals[title] = total
+
+    found = reproduce_a(tmp_path / "new", duration=0.05, progress=progress)
+    assert reported == totals
+    assert len(reported) == len(found.runs) == 4
+    assert sorted(found.files) == sorted((tmp_path / "new").iterdir())
+    assert all(file.stat().st_size > 0 for file in found.files)
+    assert (tmp_path / "new" / "experiment_a.md").read_text().endswith(found.table)
+    assert Run.load(tmp_path / "new" / "meka_a2_8ms.h5") == found.runs[1]
+
+
+def test_the_table_holds_the_runs_own_numbers(runs: list[Run]) -> None:
+    metrics = [compute_metrics(run) for run in runs]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in comparison_table(runs, metrics).splitlines()
+    ]
+    assert rows[0] == ["", "the paper", "Schunk LWA3, 10 ms", "Meka A2, right arm, 10 ms"]
+    by_label = {row[0]: row[1:] for row in rows[2:]}
+    assert by_label["RCM error, max [mm]"] == [
+        "< 0.05",
+        *(f"{1e3 * run.rcm_error.max():.4f}" for run in runs),
+    ]
+    speed = [np.linalg.norm(np.diff(run.tip_d, axis=0), axis=1) / 0.01 for run in runs]
+    lag = [f"{1e3 * np.sqrt(np.mean(values**2)) / 60.0:.3f}" for values in speed]
+    assert by_label["speed / K, rms [mm]"] == ["not given", *lag]
+    assert {len(row) for row in rows} == {4}
+
+
+def lines(figure: Figure, axes: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [
+        (np.asarray(line.get_xdata()), np.asarray(line.get_ydata()))
+        for line in figure.axes[axes].get_lines()
+    ]
+
+
+def test_the_error_figure_draws_both_errors_of_every_run_in_mm(runs: list[Run]) -> None:
+    figure = plots.error_figure(runs)
+    for axes, name in enumerate(("tip_error", "rcm_error")):
+        for run, (time, error) in zip(runs, lines(figure, axes), strict=True):
+            assert np.array_equal(time, run.time)
+            assert np.array_equal(error, 1e3 * getattr(run, name))
+    styles = [line.get_linestyle() for line in figure.axes[0].get_lines()]
+    assert styles == ["-", "--"]  # the paper's: Schunk solid, Meka dashed
+
+
+def test_the_trajectory_figure_starts_below_the_trocar_at_the_starts_depth(
+    runs: list[Run],
+) -> None:
+    figure = plots.trajectory_figure(runs)
+    for i, run in enumerate(runs):
+        (tip,) = (line for line in figure.axes[2 * i + 1].get_lines() if line.get_label() == "tip")
+        assert isinstance(tip, Line3D)
+        x, y, z = tip.get_data_3d()
+        np.testing.assert_allclose([x[0], y[0], z[0]], [0.0, 0.0, 100.0], atol=1e-6)
+        depth = np.linalg.norm(np.column_stack([x, y, z]), axis=1)
+        np.testing.assert_allclose(depth, 1e3 * run.depth, atol=1e-3)
+
+
+def test_a_figure_is_written_as_png_and_pdf(runs: list[Run], tmp_path: Path) -> None:
+    files = plots.save_figure(plots.error_figure(runs), tmp_path / "errors.png")
+    assert [file.read_bytes()[:4] for file in files] == [b"\x89PNG", b"%PDF"]

@@ -1,0 +1,292 @@
+"""A run's file: what is saved is loaded, what is damaged is refused, a failure leaves nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from rcmqp import Run, arm_names, load_scenario, make_controller, simulate
+from rcmqp.errors import RunFileError
+from rcmqp.run import check_writable
+
+CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
+DATASETS = [field.name for field in CHANNELS] + [
+    "diagnostics/objective",
+    "diagnostics/least_singular_value",
+    "diagnostics/scale",
+]
+
+every_dataset = pytest.mark.parametrize("name", DATASETS)
+
+
+def short_run(arm: str = "lwa3") -> Run:
+    scenario = load_scenario("conical_helix", arm, duration=0.02, seed=11)
+    return simulate(
+        scenario, make_controller("dual_quaternion", scenario.insertion(), scenario.period)
+    )
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return short_run()
+
+
+@pytest.fixture
+def saved(run: Run, tmp_path: Path) -> Path:
+    run.save(tmp_path / "run.h5")
+    return tmp_path / "run.h5"
+
+
+def stored_at(file: h5py.File, name: str) -> int:
+    """Where a dataset's numbers begin in its file, chunked or not."""
+    dataset = file[name]
+    if dataset.chunks:
+        return int(dataset.id.get_chunk_info(0).byte_offset)
+    return int(dataset.id.get_offset())
+
+
+# What is saved is loaded -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", arm_names())
+def test_a_saved_run_is_loaded_equal(arm: str, tmp_path: Path) -> None:
+    run = short_run(arm)
+    run.save(tmp_path / "run.h5")
+    loaded = Run.load(tmp_path / "run.h5")
+    assert loaded == run
+    assert loaded.digest == run.digest
+    assert loaded.scenario == run.scenario
+    assert (loaded.controller, loaded.joints) == (run.controller, run.joints)
+    assert dict(loaded.options) == dict(run.options)
+    assert dict(loaded.versions) == dict(run.versions)
+    assert loaded.arrays().keys() == run.arrays().keys()
+    for name, values in run.arrays().items():
+        assert np.array_equal(loaded.arrays()[name], values), name
+    assert loaded.diagnostics.keys() == run.diagnostics.keys()
+    for name, values in run.diagnostics.items():
+        assert np.array_equal(loaded.diagnostics[name], values), name
+
+
+def test_a_saved_run_is_made_again_from_its_file(saved: Path) -> None:
+    loaded = Run.load(saved)
+    insertion, period = loaded.scenario.insertion(), loaded.scenario.period
+    controller = make_controller(loaded.controller, insertion, period, **loaded.options)
+    assert simulate(loaded.scenario, controller).digest == loaded.digest
+
+
+def test_a_file_says_by_itself_what_is_in_it(run: Run, saved: Path) -> None:
+    """Read by h5py alone, as someone without rcmqp would."""
+    with h5py.File(saved, "r") as file:
+        for field in CHANNELS:
+            dataset = file[field.name]
+            assert np.array_equal(dataset[()], getattr(run, field.name))
+            assert dataset.attrs["unit"] == field.metadata["unit"] != ""
+            assert dataset.attrs["meaning"] == field.metadata["meaning"] != ""
+        assert set(file["diagnostics"]) == set(run.diagnostics)
+        assert file.attrs["format"] == "rcmqp run"
+        assert file.attrs["format_version"] == 1
+        assert file.attrs["seed"] == 11
+        assert file.attrs["controller"] == "dual_quaternion"
+        assert file.attrs["digest"] == run.digest
+        assert json.loads(file.attrs["versions"]) == run.versions
+        assert json.loads(file.attrs["options"])["gain"] == 60.0
+        assert json.loads(file.attrs["scenario"])["name"] == "conical_helix"
+        assert json.loads(file.attrs["joints"]) == list(run.joints)
+        assert file.attrs["versions"].count("pin")
+
+
+def test_an_earlier_file_is_replaced(run: Run, saved: Path) -> None:
+    other = dataclasses.replace(run, controller="another")
+    other.save(saved)
+    assert Run.load(saved) == other
+    assert list(saved.parent.iterdir()) == [saved]
+
+
+# Equality and digest -----------------------------------------------------------------------
+
+
+@every_dataset
+def test_the_digest_changes_with_every_number_but_the_solve_time(run: Run, name: str) -> None:
+    group, _, channel = name.rpartition("/")
+    values = np.array(run.diagnostics[channel] if group else run.arrays()[channel])
+    values.flat[-1] = np.nextafter(values.flat[-1], np.inf)
+    change: dict[str, Any] = {channel: values}
+    if group:
+        change = {"diagnostics": {**run.diagnostics, channel: values}}
+    other = dataclasses.replace(run, **change)
+    assert other != run
+    assert (other.digest == run.digest) == (name == "solve_time")
+
+
+def test_the_digest_changes_with_what_the_run_was_made_of(run: Run) -> None:
+    changes: list[dict[str, Any]] = [
+        {"controller": "another"},
+        {"options": {**run.options, "gain": 61.0}},
+        {"scenario": dataclasses.replace(run.scenario, seed=12)},
+    ]
+    digests = {dataclasses.replace(run, **change).digest for change in changes}
+    assert len(digests | {run.digest}) == 4
+
+
+@pytest.mark.parametrize("change", [{"versions": {}}, {"joints": ("a",) * 7}])
+def test_runs_with_other_names_or_versions_are_not_equal(run: Run, change: dict[str, Any]) -> None:
+    assert dataclasses.replace(run, **change) != run
+
+
+def test_a_run_equals_a_copy_and_nothing_else(run: Run) -> None:
+    assert dataclasses.replace(run, q=run.q.copy()) == run
+    assert run != "run"
+
+
+# What is damaged is refused ----------------------------------------------------------------
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match="no such file"):
+        Run.load(tmp_path / "none.h5")
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89HD", b"time,q\n0,1\n"])
+def test_a_file_that_is_not_hdf5_is_refused(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "run.h5").write_bytes(content)
+    with pytest.raises(RunFileError, match="not an HDF5 file"):
+        Run.load(tmp_path / "run.h5")
+
+
+def test_a_foreign_hdf5_file_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["time"] = np.zeros(3)
+    with pytest.raises(RunFileError, match="not a run of rcmqp"):
+        Run.load(tmp_path / "other.h5")
+
+
+def test_another_format_version_is_refused(saved: Path) -> None:
+    with h5py.File(saved, "r+") as file:
+        file.attrs["format_version"] = 2
+    with pytest.raises(RunFileError, match="format version 2, this rcmqp reads 1"):
+        Run.load(saved)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.7, 0.999])
+def test_a_truncated_file_is_refused(share: float, saved: Path) -> None:
+    content = saved.read_bytes()
+    saved.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RunFileError, match="damaged"):
+        Run.load(saved)
+
+
+@every_dataset
+def test_a_flipped_bit_in_any_dataset_is_noticed(name: str, saved: Path) -> None:
+    with h5py.File(saved, "r") as file:
+        position = stored_at(file, name) + 3
+    content = bytearray(saved.read_bytes())
+    content[position] ^= 1
+    saved.write_bytes(content)
+    with pytest.raises(RunFileError, match="damaged"):
+        Run.load(saved)
+
+
+@every_dataset
+def test_a_missing_dataset_is_noticed(name: str, saved: Path) -> None:
+    with h5py.File(saved, "r+") as file:
+        del file[name]
+    with pytest.raises(RunFileError, match="damaged"):
+        Run.load(saved)
+
+
+@pytest.mark.parametrize(
+    "attribute", ["scenario", "controller", "options", "versions", "joints", "digest"]
+)
+@pytest.mark.parametrize("value", ["{", 3, None])
+def test_a_missing_or_spoilt_attribute_is_noticed(
+    attribute: str, value: str | int | None, saved: Path
+) -> None:
+    with h5py.File(saved, "r+") as file:
+        if value is None:
+            del file.attrs[attribute]
+        else:
+            file.attrs[attribute] = value
+    with pytest.raises(RunFileError, match="damaged"):
+        Run.load(saved)
+
+
+def test_a_path_of_an_unknown_kind_is_a_damaged_file(saved: Path) -> None:
+    with h5py.File(saved, "r+") as file:
+        text = file.attrs["scenario"]
+        file.attrs["scenario"] = text.replace('"kind": "conical_helix"', '"kind": "spiral"')
+    with pytest.raises(RunFileError, match="spiral"):
+        Run.load(saved)
+
+
+# What cannot be written --------------------------------------------------------------------
+
+
+def test_a_folder_that_is_missing_is_found_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match=r"there is no folder .*missing; make it first"):
+        check_writable(tmp_path / "missing" / "run.h5")
+
+
+def test_a_folder_in_place_of_the_file_is_found_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match="is a folder"):
+        check_writable(tmp_path)
+
+
+def test_a_file_in_place_of_the_folder_is_found_before_the_run(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RunFileError, match="there is no folder"):
+        check_writable(tmp_path / "file" / "run.h5")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a folder that refuses root, too")
+def test_a_folder_that_takes_no_files_is_found_before_the_run() -> None:
+    with pytest.raises(RunFileError, match="cannot be written"):
+        check_writable("/proc/run.h5")
+
+
+def test_a_name_that_is_too_long_is_found_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match="too long"):
+        check_writable(tmp_path / (300 * "x"))
+
+
+def test_checking_leaves_nothing_behind_and_keeps_what_is_there(tmp_path: Path) -> None:
+    check_writable(tmp_path / "new.h5")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "old.h5").write_text("kept")
+    check_writable(tmp_path / "old.h5")
+    assert (tmp_path / "old.h5").read_text() == "kept"
+
+
+def test_save_refuses_what_check_writable_refuses(run: Run, tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match="there is no folder"):
+        run.save(tmp_path / "missing" / "run.h5")
+
+
+@pytest.mark.parametrize("failure", [OSError("disk full"), KeyboardInterrupt()], ids=str)
+def test_a_failed_save_leaves_the_folder_as_it_was(
+    failure: BaseException, run: Run, saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = saved.read_bytes()
+
+    def fail_halfway(self: Run, file: h5py.File) -> None:
+        file["time"] = self.time
+        raise failure
+
+    monkeypatch.setattr(Run, "_write", fail_halfway)
+    expected = RunFileError if isinstance(failure, OSError) else KeyboardInterrupt
+    for target in (saved, saved.with_name("new.h5")):
+        with pytest.raises(expected):
+            run.save(target)
+    assert list(saved.parent.iterdir()) == [saved]
+    assert saved.read_bytes() == before
+
+
+def test_others_may_read_a_saved_run_as_they_may_any_new_file(saved: Path) -> None:
+    (saved.parent / "plain").touch()
+    assert saved.stat().st_mode == (saved.parent / "plain").stat().st_mode

@@ -1,0 +1,274 @@
+"""The control loop: every scenario under every controller, and whether the record is true."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers import assert_allclose, shaft_distance
+
+import rcmqp
+from rcmqp import (
+    ArmState,
+    Command,
+    Insertion,
+    Instrument,
+    Reference,
+    Run,
+    Scenario,
+    arm_names,
+    compute_metrics,
+    load_arm,
+    load_scenario,
+    make_controller,
+    scenario_names,
+    simulate,
+    view_pose,
+)
+from rcmqp.controllers import CONTROLLERS, DualQuaternion
+from rcmqp.dualquaternion import Array, to_se3
+from rcmqp.errors import OptionError
+
+PERIOD = 8e-3
+
+
+def ran(scenario: Scenario, controller: str = "dual_quaternion", **options: object) -> Run:
+    made = make_controller(controller, scenario.insertion(), scenario.period, **options)
+    return simulate(scenario, made)
+
+
+@functools.cache
+def helix(arm: str) -> Run:
+    """Four seconds of the helix at 8 ms."""
+    return ran(load_scenario("conical_helix", arm, duration=4.0, period=PERIOD))
+
+
+def numbers(run: Run) -> dict[str, Array]:
+    """Every number of a run but the time that it took."""
+    arrays = {**run.arrays(), **run.diagnostics}
+    del arrays["solve_time"]
+    return arrays
+
+
+# Promises over the registries --------------------------------------------------------------
+
+
+def test_there_are_scenarios() -> None:
+    assert {"conical_helix", "view_steps"} <= set(scenario_names())
+
+
+@pytest.mark.parametrize("arm", arm_names())
+@pytest.mark.parametrize("controller", list(CONTROLLERS))
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_runs_inside_limits_and_reruns_to_the_bit(
+    name: str, controller: str, arm: str
+) -> None:
+    scenario = load_scenario(name, arm, duration=0.1)
+    run = ran(scenario, controller)
+    for channel, values in numbers(run).items():
+        infinite_allowed = channel in ("lower", "upper")
+        assert np.isfinite(values).all() or infinite_allowed, channel
+    metrics = compute_metrics(run)
+    assert metrics.speed_ratio_max <= 1.0
+    assert metrics.limit_margin_min_rad >= 0.0
+    assert metrics.rcm_max_mm < 0.005
+
+    again = ran(scenario, controller)
+    for channel, values in numbers(run).items():
+        assert np.array_equal(values, numbers(again)[channel]), channel
+    assert again.digest == run.digest
+
+
+# The record --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", arm_names())
+def test_the_record_is_what_pinocchio_finds_at_the_recorded_q(arm: str) -> None:
+    run = helix(arm)
+    insertion = run.scenario.insertion()
+    model, pivot = insertion.arm.model, np.array(run.scenario.trocar.pivot)
+    data, last_joint = model.createData(), model.njoints - 1
+    pin.framesForwardKinematics(model, data, insertion.q_start)
+    start = insertion.state(insertion.q_start).oMe
+    effector_in_joint = data.oMi[last_joint].actInv(start)  # rigidly on the last link
+    tip_in_effector = np.array([0.0, 0.0, insertion.tip_depth])
+
+    for k in range(0, run.scenario.cycles, 50):
+        J = pin.computeJointJacobian(model, data, run.q[k], last_joint)
+        pin.forwardKinematics(model, data, run.q[k])
+        oMe, oMd = data.oMi[last_joint] * effector_in_joint, to_se3(run.x_d[k])
+        tip, tip_d = oMe.act(tip_in_effector), oMd.act(tip_in_effector)
+        expected = {
+            "tip": tip,
+            "tip_d": tip_d,
+            "tip_error": np.linalg.norm(tip - tip_d),
+            "effector_error": np.linalg.norm(oMe.translation - oMd.translation),
+            "orientation_error": np.linalg.norm(pin.log3(oMe.rotation.T @ oMd.rotation)),
+            "rcm_error": shaft_distance(oMe, pivot),
+            "depth": oMe.rotation[:, 2] @ (tip - pivot),
+            "singular_value": np.linalg.svd(
+                effector_in_joint.toActionMatrixInverse() @ J, compute_uv=False
+            )[-1],
+        }
+        for name, value in expected.items():
+            assert_allclose(getattr(run, name)[k], value, rtol=0, atol=1e-12, err_msg=name)
+        assert to_se3(run.x[k]).isApprox(oMe, 1e-12)
+
+
+@pytest.mark.parametrize("arm", arm_names())
+def test_each_row_follows_from_the_one_before(arm: str) -> None:
+    run = helix(arm)
+    insertion = run.scenario.insertion()
+    assert np.array_equal(run.q[0], insertion.q_start)
+    assert_allclose(run.time, PERIOD * np.arange(501), rtol=1e-15)
+    for k in range(run.scenario.cycles - 1):
+        step = pin.integrate(insertion.arm.model, run.q[k], PERIOD * run.v[k])
+        assert np.array_equal(run.q[k + 1], step)
+        from_angles = insertion.arm.configuration(run.angles[k])
+        assert_allclose(from_angles, run.q[k], rtol=0, atol=1e-12)
+
+
+def test_the_reference_is_the_scenarios_path_at_the_recorded_time() -> None:
+    run = helix("lwa3")
+    insertion = run.scenario.insertion()
+    for k in (0, 100, 500):
+        command = run.scenario.path.command(k * PERIOD, insertion.tip_depth)
+        assert np.array_equal(run.x_d[k], view_pose(insertion.x_rcm, command).x_d)
+
+
+def test_the_velocity_is_the_controllers_answer_and_its_diagnostics_are_kept() -> None:
+    run = helix("lwa3")
+    insertion = run.scenario.insertion()
+    controller = make_controller("dual_quaternion", insertion, PERIOD)
+    k = 250
+    command = run.scenario.path.command(k * PERIOD, insertion.tip_depth)
+    answer = controller.step(insertion.state(run.q[k]), view_pose(insertion.x_rcm, command))
+    assert np.array_equal(run.v[k], answer.v)
+    assert {name: values[k] for name, values in run.diagnostics.items()} == answer.diagnostics
+
+
+def test_a_run_says_what_it_was_made_with() -> None:
+    run = helix("lwa3")
+    insertion = run.scenario.insertion()
+    assert run.controller == "dual_quaternion"
+    assert run.options == make_controller("dual-quaternion", insertion, PERIOD).options
+    assert run.joints == insertion.arm.joints
+    assert np.array_equal(run.lower, insertion.arm.lower)
+    assert np.array_equal(run.upper, insertion.arm.upper)
+    assert np.array_equal(run.velocity_limit, insertion.arm.velocity)
+    assert run.versions["python"] == platform.python_version()
+    assert run.versions["pin"] == version("pin")
+    assert run.versions["rcmqp"] == rcmqp.__version__
+    assert (run.solve_time > 0.0).all()
+
+
+def test_the_controller_is_reset_before_the_first_step() -> None:
+    calls: list[str] = []
+
+    class Witness(DualQuaternion):
+        def reset(self) -> None:
+            calls.append("reset")
+
+        def step(self, state: ArmState, reference: Reference) -> Command:
+            calls.append("step")
+            return super().step(state, reference)
+
+    scenario = load_scenario("conical_helix", duration=0.002)
+    simulate(scenario, Witness(scenario.insertion(), scenario.period))
+    assert calls == ["reset", "step", "step", "step"]
+
+
+def test_progress_adds_up_to_the_number_of_cycles() -> None:
+    scenario = load_scenario("conical_helix", duration=0.25, period=1e-3)
+    steps: list[int] = []
+    controller = make_controller("dual_quaternion", scenario.insertion(), scenario.period)
+    simulate(scenario, controller, progress=steps.append)
+    assert steps == [100, 100, 51]
+    assert sum(steps) == scenario.cycles
+
+
+def test_two_processes_give_the_same_digest() -> None:
+    program = (
+        "from rcmqp import load_scenario, make_controller, simulate\n"
+        "s = load_scenario('conical_helix', 'panda', duration=0.5)\n"
+        "print(simulate(s, make_controller('dual_quaternion', s.insertion(), s.period)).digest)\n"
+    )
+    digests = [
+        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    here = ran(load_scenario("conical_helix", "panda", duration=0.5)).digest
+    assert [process.stdout.strip() for process in digests] == [here, here]
+
+
+# The planner in the loop -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["lwa3", "meka_a2"])
+def test_the_planner_keeps_the_rcm_where_jumps_do_not(arm: str) -> None:
+    scenario = load_scenario("view_steps", arm, period=PERIOD)
+    planned = compute_metrics(ran(scenario))
+    jumped = compute_metrics(ran(dataclasses.replace(scenario, planner_time=None)))
+    assert planned.rcm_max_mm < 0.05
+    assert planned.speed_ratio_max <= 1.0
+    assert jumped.rcm_max_mm > 20.0 * planned.rcm_max_mm
+    assert jumped.speed_ratio_max > 1.0
+
+
+def test_the_planned_reference_never_leaves_the_trocar_and_arrives() -> None:
+    run = ran(load_scenario("view_steps", period=PERIOD))
+    pivot = np.array(run.scenario.trocar.pivot)
+    distances = [shaft_distance(to_se3(x_d), pivot) for x_d in run.x_d]
+    assert max(distances) < 1e-14
+    insertion, path = run.scenario.insertion(), run.scenario.path
+    last_view = view_pose(insertion.x_rcm, path.command(path.duration, insertion.tip_depth))
+    assert_allclose(run.tip_d[-1], insertion.tip(last_view.x_d), rtol=0, atol=1e-14)
+    assert run.tip_error[-1] < 1e-6
+
+
+# Refusals ----------------------------------------------------------------------------------
+
+
+def test_a_controller_for_another_period_is_refused() -> None:
+    scenario = load_scenario("conical_helix", duration=0.1)
+    controller = make_controller("dual_quaternion", scenario.insertion(), 2e-3)
+    with pytest.raises(OptionError, match=r"period of 0\.002 s, the scenario has 0\.001 s"):
+        simulate(scenario, controller)
+
+
+@pytest.mark.parametrize("change", ["trocar", "instrument", "angles_start", "arm"])
+def test_a_controller_for_another_insertion_is_refused(change: str) -> None:
+    scenario = load_scenario("conical_helix", "ur5", duration=0.1)
+    controller = make_controller("dual_quaternion", scenario.insertion(), scenario.period)
+    others: dict[str, Any] = {
+        "trocar": dataclasses.replace(scenario.trocar, depth_range=(0.0, 0.3)),
+        "instrument": dataclasses.replace(scenario.instrument, radius=0.004),
+        "angles_start": (*scenario.angles_start[:-1], scenario.angles_start[-1] + 0.1),
+        "arm": "ur10",
+    }
+    other = dataclasses.replace(scenario, **{change: others[change]})
+    with pytest.raises(OptionError, match="another insertion"):
+        simulate(other, controller)
+
+
+def test_a_controller_for_the_same_insertion_is_taken_wherever_continuous_joints_start() -> None:
+    """Their angles go through cosine and sine, which may cost the last bit, or a whole turn."""
+    rng, arm = np.random.default_rng(7), load_arm("kinova")
+    continuous = np.isinf(arm.upper)
+    assert continuous.any()
+    for _ in range(20):
+        start = arm.home + continuous * rng.uniform(-4.0, 4.0, arm.nv)
+        scenario = dataclasses.replace(
+            load_scenario("conical_helix", "kinova", duration=0.002),
+            angles_start=tuple(start),
+            trocar=Insertion.on_shaft(arm, Instrument(), start).trocar,
+        )
+        assert ran(scenario).scenario == scenario
