@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,11 +95,9 @@ class Arm:
         srs_offsets: ArrayLike | None = None,
         urdf: Path | None = None,
     ) -> None:
-        if not model.existFrame(flange):
-            raise FrameNotFound(flange, [frame.name for frame in model.frames])
+        frame = find_frame(model, flange)
         self.model, self.flange, self.name = model, flange, name
         self.title, self.licence, self.urdf = title or name, licence, urdf
-        frame = model.frames[model.getFrameId(flange)]
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
         self._jMflange = frame.placement * offset
@@ -218,7 +217,14 @@ class Arm:
 
     def random_angles(self, rng: np.random.Generator) -> Array:
         """Joint angles (nv,) drawn evenly between the limits; within +-pi where there is none."""
-        return rng.uniform(np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi))
+        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
+        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
+        return rng.uniform(lower, upper)
+
+    @functools.cached_property
+    def sha256(self) -> str:
+        """Of the URDF; empty where the model came from none."""
+        return "" if self.urdf is None else hashlib.sha256(self.urdf.read_bytes()).hexdigest()
 
     @functools.cached_property
     def reach(self) -> float:
@@ -244,6 +250,18 @@ class Arm:
         if not np.isfinite(array).all():
             raise InvalidCommand(f"{what} is not finite: {array}")
         return array
+
+
+def find_frame(model: pin.Model, name: str) -> pin.Frame:
+    """The frame of a model with this name; of several, the body.
+
+    Raises:
+        FrameNotFound: there is none.
+    """
+    found = [frame for frame in model.frames if frame.name == name]
+    if not found:
+        raise FrameNotFound(name, [frame.name for frame in model.frames])
+    return next((frame for frame in found if frame.type == pin.FrameType.BODY), found[0])
 
 
 def kinematic_hessian(J_local: Array) -> Array:

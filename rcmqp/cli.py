@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
-import json
-import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress, TimeRemainingColumn
-from rich.table import Table
+from rich.markup import escape
 
 import rcmqp
+from rcmqp import console
+from rcmqp.console import err, out
 from rcmqp.controllers import CONTROLLERS, controller_options, make_controller
-from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.errors import OptionError, RcmqpError, RunFileError, UnknownName
 from rcmqp.loading import arm_names, load_arm
-from rcmqp.metrics import Metrics, compute_metrics
 from rcmqp.run import Run, check_writable
 from rcmqp.scenario import load_scenario, scenario_module, scenario_names
 from rcmqp.simulate import simulate
@@ -38,18 +32,10 @@ app = typer.Typer(
     "for the paper's experiment A.\n\n"
     "Exit codes: 0 done; 1 refused or failed, with the reason on stderr; 2 wrong usage.",
 )
-_ERRORS = (
-    ("tip", "tip", "mm"),
-    ("effector", "effector", "mm"),
-    ("rcm", "RCM", "mm"),
-    ("orientation", "orientation", "mrad"),
-)
-out = Console(width=None if sys.stdout.isatty() else 120)
-err = Console(stderr=True)
-
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 ArmOption = Annotated[
-    str, typer.Option("--arm", "-a", help="Name (see rcmqp arms), or a URDF's path.")
+    str | None,
+    typer.Option("--arm", "-a", help="Name (see rcmqp arms), or a URDF's path; lwa3 without it."),
 ]
 FlangeOption = Annotated[
     str | None, typer.Option(help="With a URDF: the frame that carries the instrument.")
@@ -61,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         app(arguments)
     except RcmqpError as error:
-        err.print(f"[bold red]error:[/] {_escape(str(error))}", soft_wrap=True, highlight=False)
+        err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
         sys.exit(1)
 
 
@@ -84,7 +70,7 @@ def run(
     scenario: Annotated[
         str, typer.Argument(help="Name (see rcmqp scenarios), or a .py or .json file.")
     ],
-    arm: ArmOption = "lwa3",
+    arm: ArmOption = None,
     controller: Annotated[
         str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
     ] = "dual_quaternion",
@@ -93,10 +79,11 @@ def run(
     ] = None,
     flange: FlangeOption = None,
     period: Annotated[
-        float | None, typer.Option(help="Sampling period T in s; the scenario's without it.")
+        float | None,
+        typer.Option(help="Sampling period T in s; the scenario's, 0.001, without it."),
     ] = None,
     gain: Annotated[
-        float | None, typer.Option(help="Gain K in 1/s; the controller's without it.")
+        float | None, typer.Option(help="Gain K in 1/s; the controller's, 60, without it.")
     ] = None,
     duration: Annotated[
         float | None,
@@ -135,11 +122,11 @@ def run(
     made = make_controller(controller, chosen.insertion(), chosen.period, **options)
     if file is not None:
         check_writable(file)
-    with _bar(quiet=as_json) as advance:
+    with console.bar(quiet=as_json) as advance:
         result = simulate(chosen, made, lambda done: advance(str(chosen), done, chosen.cycles))
     if file is not None:
         result.save(file)
-    _print_run(result, as_json, file)
+    console.print_run(result, as_json, file)
 
 
 @app.command()
@@ -154,7 +141,7 @@ def show(
     """Show what is in a run's file."""
     result = Run.load(file)
     written = [] if figures is None else _draw(result, figures, file.stem)
-    _print_run(result, as_json, file)
+    console.print_run(result, as_json, file)
     for path in written if not as_json else []:
         out.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
@@ -171,38 +158,11 @@ def arms(
     """
     chosen = [load_arm(each, flange) for each in ([name] if name else arm_names())]
     if as_json:
-        _print_json([_arm_json(arm) for arm in chosen])
-        return
-    if name is None:
-        table = Table(
-            "name", "arm", "joints", "reach, m", "travel, deg", "speed, deg/s", "licence"
-        )
-        for arm in chosen:
-            travel = np.degrees(arm.upper - arm.lower)
-            table.add_row(
-                arm.name,
-                arm.title,
-                str(arm.nv),
-                f"{arm.reach:.2f}",
-                _span(travel),
-                _span(np.degrees(arm.velocity)),
-                arm.licence,
-            )
-        out.print(table)
-        out.print("rcmqp arms NAME lists one arm's joints.", style="dim")
-        return
-    (arm,) = chosen
-    table = Table("joint", "lower", "upper", "speed", "acceleration", "home")
-    for row in zip(
-        arm.joints, arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.home, strict=True
-    ):
-        table.add_row(row[0], *(f"{value:.4f}" for value in row[1:]))
-    out.print(
-        f"{arm.title}: reach {arm.reach:.3f} m, flange {arm.flange}, licence {arm.licence}",
-        soft_wrap=True,
-    )
-    out.print(table)
-    out.print("Positions in rad, speeds in rad/s, accelerations in rad/s^2.", style="dim")
+        console.print_json([console.arm_json(arm) for arm in chosen])
+    elif name is None:
+        console.print_arms(chosen)
+    else:
+        console.print_arm(chosen[0])
 
 
 @app.command()
@@ -210,12 +170,9 @@ def scenarios(as_json: AsJson = False) -> None:
     """List the scenarios."""
     about = {name: _first_line(scenario_module(name)) for name in scenario_names()}
     if as_json:
-        _print_json(about)
+        console.print_json(about)
         return
-    table = Table("name", "what happens")
-    for row in about.items():
-        table.add_row(*row)
-    out.print(table)
+    console.print_table(("name", "what happens"), about.items())
 
 
 @app.command()
@@ -229,19 +186,18 @@ def controllers(
         if each not in CONTROLLERS:
             raise UnknownName("controller", each, CONTROLLERS)
     if as_json:
-        _print_json({each: controller_options(each) for each in names})
+        console.print_json({each: controller_options(each) for each in names})
     elif name is not None:
         out.print(inspect.getdoc(CONTROLLERS[names[0]]), markup=False, highlight=False)
     else:
-        table = Table("name", "what it is", "options")
+        rows = []
         for each in names:
             options = ", ".join(
                 f"{option}={_text(default)}"
                 for option, default in controller_options(each).items()
             )
-            module = inspect.getmodule(CONTROLLERS[each])
-            table.add_row(each, _first_line(module), options)
-        out.print(table)
+            rows.append((each, _first_line(inspect.getmodule(CONTROLLERS[each])), options))
+        console.print_table(("name", "what it is", "options"), rows)
         out.print("rcmqp controllers NAME explains one.", style="dim")
 
 
@@ -262,18 +218,15 @@ def reproduce(
     """
     from rcmqp.reproduce import reproduce_a
 
-    with _bar(quiet=as_json) as advance:
+    with console.bar(quiet=as_json) as advance:
         found = reproduce_a(folder, duration=duration, progress=advance)
     if as_json:
         pairs = zip(found.runs, found.metrics, strict=True)
-        _print_json([_run_json(result, metrics) for result, metrics in pairs])
+        console.print_json([console.run_json(result, metrics) for result, metrics in pairs])
         return
     out.print(found.table, markup=False, highlight=False, soft_wrap=True)
     for path in found.files:
         out.print(f"wrote {path}", highlight=False, soft_wrap=True)
-
-
-# Pieces ------------------------------------------------------------------------------------
 
 
 def _options(controller: str, settings: Sequence[str]) -> dict[str, Any]:
@@ -304,110 +257,19 @@ def _value(option: str, text: str, kind: type) -> Any:
         raise OptionError(f"--set {option}={text}: it must be a number") from error
 
 
-@contextmanager
-def _bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """A progress bar on stderr: call what it gives with a title, cycles done, and in all."""
-    columns = [*Progress.get_default_columns()[:-1], TimeRemainingColumn()]
-    with Progress(
-        *columns, console=err, transient=True, disable=quiet or not err.is_terminal
-    ) as progress:
-        tasks: dict[str, Any] = {}
-
-        def advance(title: str, done: int, total: int) -> None:
-            if title not in tasks:
-                tasks[title] = progress.add_task(_escape(title), total=total)
-            progress.advance(tasks[title], done)
-
-        yield advance
-
-
-def _print_run(result: Run, as_json: bool, file: Path | None) -> None:
-    metrics = compute_metrics(result)
-    if as_json:
-        _print_json(_run_json(result, metrics))
-        return
-    out.print(f"{result.title}, T = {1e3 * result.period:g} ms", markup=False, highlight=False)
-    table = Table("error", "rms", "95 %", "max")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for name, label, unit in _ERRORS:
-        values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
-        table.add_row(f"{label} {unit}", *(f"{value:.5f}" for value in values))
-    out.print(table)
-    for line in _summary(metrics):
-        out.print(line, highlight=False, markup=False)
-    if metrics.speed_ratio_max > 1.0:
-        err.print("[yellow]warning:[/] a joint was asked to exceed its speed limit")
-    if metrics.limit_margin_min_rad < 0.0:
-        err.print("[yellow]warning:[/] a joint left its position limits")
-    if file is not None:
-        out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
-
-
-def _summary(metrics: Metrics) -> list[str]:
-    return [
-        f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
-        f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
-        f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
-        f"margin to limits      {metrics.limit_margin_min_rad:.3f} rad at least",
-        f"singular value        {metrics.singular_value_min:.4f} at least",
-        f"controller step       {metrics.solve_time_median_us:.0f} us median, "
-        f"{metrics.solve_time_p99_us:.0f} us p99",
-    ]
-
-
-def _run_json(result: Run, metrics: Metrics) -> dict[str, Any]:
-    return {
-        "scenario": result.scenario.name,
-        "arm": result.scenario.arm,
-        "controller": result.controller,
-        "options": dict(result.options),
-        "period": result.period,
-        "duration": result.scenario.duration,
-        "seed": result.scenario.seed,
-        "digest": result.digest,
-        "versions": dict(result.versions),
-        "metrics": dataclasses.asdict(metrics),
-    }
-
-
-def _arm_json(arm: rcmqp.Arm) -> dict[str, Any]:
-    def finite(values: Sequence[float]) -> list[float | None]:
-        return [float(value) if math.isfinite(value) else None for value in values]
-
-    return {
-        "name": arm.name,
-        "title": arm.title,
-        "joints": list(arm.joints),
-        "reach": arm.reach,
-        "lower": finite(list(arm.lower)),
-        "upper": finite(list(arm.upper)),
-        "velocity": finite(list(arm.velocity)),
-        "acceleration": finite(list(arm.acceleration)),
-        "home": finite(list(arm.home)),
-        "licence": arm.licence,
-    }
-
-
 def _draw(result: Run, folder: Path, stem: str) -> list[Path]:
+    """Trajectory and errors of a run, as PNG and PDF."""
     from rcmqp import plots  # matplotlib takes long to import
 
-    check_writable(folder / stem) if folder.is_dir() else folder.mkdir(parents=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFileError(folder, f"cannot be made: {error}") from error
+    check_writable(folder / f"{stem}_errors.pdf")
     return [
-        *plots.save_figure(plots.trajectory_figure([result]), folder / f"{stem}_trajectory.png"),
-        *plots.save_figure(plots.error_figure([result]), folder / f"{stem}_errors.png"),
+        *plots.save_figure(plots.trajectory_figure([result]), folder / f"{stem}_trajectory"),
+        *plots.save_figure(plots.error_figure([result]), folder / f"{stem}_errors"),
     ]
-
-
-def _print_json(data: Any) -> None:
-    print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def _span(values: Any) -> str:
-    low, high = (
-        f"{value:.0f}".replace("inf", "endless") for value in (np.min(values), np.max(values))
-    )
-    return low if low == high else f"{low} to {high}"
 
 
 def _text(value: Any) -> str:
@@ -416,7 +278,3 @@ def _text(value: Any) -> str:
 
 def _first_line(thing: object) -> str:
     return (inspect.getdoc(thing) or "").partition("\n")[0]
-
-
-def _escape(text: str) -> str:
-    return text.replace("[", r"\[")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -54,8 +56,8 @@ class Insertion:
         Raises:
             JointLimitViolated: a joint starts outside its limits.
             TrocarOffShaft: the shaft passes the trocar at a distance.
-            InsertionError: the trocar is not between the shaft's ends, or the tip is outside
-                the trocar's depth range.
+            InsertionError: the trocar is not between the shaft's ends, the tip is outside the
+                trocar's depth range, or the shaft outside its cone.
         """
         arm.check_limits(angles_start)
         flange = arm.with_effector(pin.SE3.Identity())
@@ -68,6 +70,7 @@ class Insertion:
             raise TrocarOffShaft(self.trocar_offset, tolerance)
         along = float(seen[2])
         _check_depth(instrument, trocar, along)
+        _check_tilt(trocar, oMf.rotation[:, 2])
         self.arm = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
         self.instrument, self.trocar = instrument, trocar
         self.tip_depth = instrument.tip - along
@@ -117,6 +120,12 @@ def insertion_depth(x: ArrayLike, pivot: ArrayLike, tip_depth: float) -> Array:
     return np.asarray(tip_depth - seen[..., 2])
 
 
+def tilt(x: ArrayLike, axis: ArrayLike) -> Array:
+    """Angle (...) [rad] of the shaft from a unit vector (3,) in the world, effectors (..., 8)."""
+    seen = dq.rotate(dq.quaternion_conj(dq.P(x)), axis)
+    return np.asarray(np.arctan2(np.hypot(seen[..., 0], seen[..., 1]), seen[..., 2]))
+
+
 def _check_depth(instrument: Instrument, trocar: Trocar, along: float) -> None:
     depth = instrument.tip - along
     low, high = trocar.depth_range
@@ -129,4 +138,14 @@ def _check_depth(instrument: Instrument, trocar: Trocar, along: float) -> None:
         raise InsertionError(
             f"the tip starts {1e3 * depth:.1f} mm beyond the trocar, its depth range is "
             f"[{1e3 * low:.1f}, {1e3 * high:.1f}] mm"
+        )
+
+
+def _check_tilt(trocar: Trocar, shaft: Array) -> None:
+    angle = math.acos(min(1.0, max(-1.0, float(shaft @ np.array(trocar.axis)))))
+    if angle > trocar.cone_half_angle:
+        raise InsertionError(
+            f"the shaft starts {math.degrees(angle):.1f} deg from the trocar's axis, its cone "
+            f"allows {math.degrees(trocar.cone_half_angle):.1f} deg; turn the axis (it points "
+            "into the patient) or widen the cone"
         )

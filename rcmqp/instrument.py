@@ -66,6 +66,9 @@ class Instrument:
 class Trocar:
     """The incision: the point that the shaft pivots about, and how far it may go.
 
+    Cone and depth range are what the patient allows. The paper's law does not know them: a run
+    is checked against them, and says where it left them.
+
     Attributes:
         pivot: (3,) the remote centre of motion in the world [m].
         axis: (3,) unit vector in the world, into the patient: the cone's axis.

@@ -16,9 +16,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rcmqp.arm import Arm
+from rcmqp.arm import Arm, find_frame
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import ArmError, FrameNotFound, UnknownName
+from rcmqp.errors import ArmError, UnknownName
 
 _EXAMPLE_ROBOT_DATA = "example-robot-data"
 
@@ -58,6 +58,8 @@ def load_arm(
         FrameNotFound: the URDF has no such frame.
         ArmError: the file is missing, is no URDF, or holds no fixed-base serial arm.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise ArmError(f"{name!r} is no arm; give a name, one of {arm_names()}, or a URDF's path")
     path = Path(name)
     if path.suffix.lower() in (".urdf", ".xml", ".xacro") or path.parent != Path():
         return _load_urdf(path, flange, home, locked or {})
@@ -138,7 +140,7 @@ def _read(path: Path) -> pin.Model:
         raise ArmError(f"{path}: no such file; give the path of a URDF, or a name: {arm_names()}")
     try:
         root = ET.parse(path).getroot()
-    except (ET.ParseError, UnicodeDecodeError) as error:
+    except (ET.ParseError, LookupError, ValueError) as error:
         raise ArmError(f"{path} is not a URDF: {error}") from error
     if root.tag != "robot" or "name" not in root.attrib:
         raise ArmError(f'{path} is not a URDF: its root must be <robot name="...">')
@@ -153,20 +155,24 @@ def _read(path: Path) -> pin.Model:
         ) from error
 
 
+def _mimics(path: Path) -> list[str]:
+    """Names of the joints of a URDF that follow another joint."""
+    joints = ET.parse(path).getroot().iterfind("joint")
+    return [joint.attrib["name"] for joint in joints if joint.find("mimic") is not None]
+
+
 def _build(
     model: pin.Model, flange: str, locked: Mapping[str, float], *, name: str, **about: Any
 ) -> Arm:
     """Hold the locked joints and those off the chain, check what is left, and make the Arm."""
-    if not model.existFrame(flange):
-        raise FrameNotFound(flange, [frame.name for frame in model.frames])
+    joint = find_frame(model, flange).parentJoint
     if model.njoints == 1:
         raise ArmError(f"{name}: the URDF has no moving joints")
-    for joint, position in locked.items():
-        if not model.existJointName(joint):
-            raise UnknownName("joint", joint, list(model.names)[1:])
+    for held, position in locked.items():
+        if not model.existJointName(held):
+            raise UnknownName("joint", held, list(model.names)[1:])
         if not math.isfinite(position):
-            raise ArmError(f"{name}: {joint} cannot be locked at {position}; give a number")
-    joint = model.frames[model.getFrameId(flange)].parentJoint
+            raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
     chain = set(model.supports[joint])
     hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
     q = pin.neutral(model)
@@ -175,6 +181,12 @@ def _build(
             _set_angle(q, model.joints[i], locked[model.names[i]])
     model = pin.buildReducedModel(model, hold, q)
     _check(model, flange, name)
+    for mimic in _mimics(about["urdf"]):
+        if model.existJointName(mimic):
+            raise ArmError(
+                f"{name}: joint {mimic!r} mimics another one and moves the flange; hold it with "
+                "locked, or take its <mimic> out of the URDF"
+            )
     arm = Arm(model, flange, name=name, **about)
     if about.get("home") is not None:
         arm.check_limits(arm.home)

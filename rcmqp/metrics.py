@@ -20,6 +20,8 @@ class Metrics:
     is the distance from the trocar to the shaft's axis.
 
     Attributes:
+        depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
+        tilt_max_mrad: largest angle of the shaft from the trocar's axis.
         speed_ratio_max: largest joint speed over its limit; above 1, a limit is broken.
         limit_margin_min_rad: least distance of a joint from a position limit; negative outside.
         singular_value_min: least singular value of the effector's geometric Jacobian [m, rad].
@@ -40,6 +42,7 @@ class Metrics:
     orientation_p95_mrad: float
     depth_min_mm: float
     depth_max_mm: float
+    tilt_max_mrad: float
     speed_ratio_max: float
     limit_margin_min_rad: float
     singular_value_min: float
@@ -60,6 +63,7 @@ def compute_metrics(run: Run) -> Metrics:
         **_summary("orientation", "mrad", 1e3 * run.orientation_error),
         "depth_min_mm": 1e3 * run.depth.min(),
         "depth_max_mm": 1e3 * run.depth.max(),
+        "tilt_max_mrad": 1e3 * run.tilt.max(),
         "speed_ratio_max": np.abs(run.v / run.velocity_limit).max(),
         "limit_margin_min_rad": margin.min(),
         "singular_value_min": run.singular_value.min(),

@@ -97,7 +97,10 @@ class Planner:
         self._x, self._target, self._left = self.x_rcm, self.x_rcm, 0
 
     def step(self, reference: Reference) -> Reference:
-        """The reference of this cycle, on the way to ``reference``."""
+        """The reference of this cycle, on the way to ``reference``.
+
+        Its derivative is the velocity of the part that follows: zero at the last one.
+        """
         r_l, t_l = constrain(self.x_rcm, self._x)
         r_d, t_d = constrain(self.x_rcm, dq.align_sign(reference.x_d, self._x))
         log_turn, dive = _log_turn(r_l, r_d), t_d - t_l
@@ -109,8 +112,9 @@ class Planner:
         self._target = reference.x_d
         r = dq.quaternion_mul(r_l, dq.quaternion_exp(log_turn / self._left))
         t = t_l + dive / self._left
-        omega = 2.0 * log_turn / (self._left * self.period)
-        nu = [omega[1] * t, -omega[0] * t, dive / (self._left * self.period)]
+        onwards = 1.0 / (self._left * self.period) if self._left > 1 else 0.0
+        omega = 2.0 * log_turn * onwards
+        nu = [omega[1] * t, -omega[0] * t, dive * onwards]
         self._x = _constrained_pose(self.x_rcm, r, np.array(t))
         self._left -= 1
         return Reference(self._x, 0.5 * dq.mul(self._x, np.array([0.0, *omega, 0.0, *nu])))

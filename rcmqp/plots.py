@@ -31,7 +31,7 @@ def trajectory_figure(runs: Sequence[Run]) -> Figure:
     the axes of the effector at the start, with the trocar at the origin [mm]; the shaft is drawn
     at a few instants, from the trocar to the tip.
     """
-    figure = Figure(figsize=(4.6 * len(runs), 8.6), layout="constrained")
+    figure = Figure(figsize=(4.8 * len(runs), 7.6), layout="constrained")
     for i, run in enumerate(runs):
         for row, draw in enumerate((_draw_arm, _draw_trajectory)):
             axes = figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
@@ -76,7 +76,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
 
 
 def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
-    insertion = run.scenario.insertion()
+    insertion = run.insertion()
     arm = insertion.arm.skeleton(run.q[0])
     pivot = np.array(run.scenario.trocar.pivot)
     axes.plot(*arm[:-1].T, color="0.45", linewidth=5, solid_capstyle="round", marker="o")
@@ -88,21 +88,21 @@ def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
     low, high = centre - half, centre + half
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_title(_label(run), fontsize=10)
+    axes.set_title(_label(run), fontsize=10, y=0.98)
     axes.locator_params(nbins=5)
     axes.zaxis.labelpad = 9
-    axes.set_box_aspect((1, 1, 1), zoom=0.82)
+    axes.set_box_aspect((1, 1, 1), zoom=0.9)
     axes.view_init(elev=18, azim=-55)
 
 
 def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
-    wished, found = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
+    desired, found = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
     for k in np.linspace(0, len(run.time) - 1, SHAFTS).astype(int):
         axes.plot(*np.column_stack([np.zeros(3), found[k]]), color="0.6", linewidth=0.8)
-    axes.plot(*wished.T, color="black", linewidth=2.8, alpha=0.25, label="wished tip")
+    axes.plot(*desired.T, color="black", linewidth=2.8, alpha=0.25, label="desired tip")
     axes.plot(*found.T, color=colour, linewidth=1.2, label="tip")
     axes.scatter([0.0], [0.0], [0.0], color="black", s=30, label="trocar", depthshade=False)
-    half, deep = max(30.0, float(np.abs(wished[:, :2]).max())), float(wished[:, 2].max())
+    half, deep = max(30.0, float(np.abs(desired[:, :2]).max())), float(desired[:, 2].max())
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
     axes.zaxis.labelpad = 9

@@ -67,6 +67,10 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand) -> Reference:
     Translation comes last, so the shaft passes through the trocar exactly. Read from left to
     right, each rotation is about the axes that the one before it has turned.
 
+    Departures: section III-C writes r_x r_y r_z for r_alpha r_beta r_gamma. "Left-right" with
+    respect to an image whose x axis points right is a rotation about y, "up-down" one about x:
+    here r_alpha r_beta r_gamma = r_y r_x r_z.
+
     Args:
         x_rcm: (8,) x_d(0), the effector's pose at the start.
         command: the view and its rates.

@@ -18,6 +18,7 @@ from rcmqp.simulate import simulate
 
 ARMS = ("lwa3", "meka_a2")
 PERIODS = (8e-3, 1e-3)
+FIGURES = ("fig2_trajectories", "fig3_errors")
 PAPER_RCM_MAX_MM = 0.05
 
 _ROWS: tuple[tuple[str, str, str, str], ...] = (
@@ -65,7 +66,7 @@ def reproduce_a(
 
     Args:
         out: folder, made if it is not there.
-        arms: names or URDF paths; the paper's two.
+        arms: names that load_arm() knows; the paper's two.
         duration: how long to simulate [s]; the whole helix without it.
         progress: called with the run's title, cycles done since the last call, cycles in all.
 
@@ -77,8 +78,10 @@ def reproduce_a(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunFileError(folder, f"cannot be made: {error}") from error
-    check_writable(folder / "experiment_a.md")
-    runs, files = [], []
+    files = _files(folder, arms)
+    for file in files:
+        check_writable(file)
+    runs = []
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
     for period in PERIODS:
         for arm in arms:
@@ -91,15 +94,14 @@ def reproduce_a(
                     progress(title, done, total)
 
             run = simulate(scenario, controller, report)
-            files.append(folder / f"{Path(arm).stem}_{1e3 * period:g}ms.h5")
-            run.save(files[-1])
+            run.save(folder / _run_name(arm, period))
             runs.append(run)
     metrics = [compute_metrics(run) for run in runs]
     table = comparison_table(runs, metrics)
-    files += _write_figures(runs[: len(arms)], folder)
-    files.append(folder / "experiment_a.md")
-    files[-1].write_text(f"# Experiment A\n\n{table}", encoding="utf-8")
-    return ExperimentA(runs, metrics, table, files)
+    _write_figures(runs[: len(arms)], folder)
+    length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
+    (folder / "experiment_a.md").write_text(f"# Experiment A\n\n{length}{table}", encoding="utf-8")
+    return ExperimentA(runs, metrics, length + table, files)
 
 
 def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
@@ -121,10 +123,19 @@ def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write_figures(runs: Sequence[Run], folder: Path) -> list[Path]:
+def _run_name(arm: str, period: float) -> str:
+    return f"{arm}_{1e3 * period:g}ms.h5"
+
+
+def _files(folder: Path, arms: Sequence[str]) -> list[Path]:
+    """All that reproduce_a() writes."""
+    names = [_run_name(arm, period) for period in PERIODS for arm in arms]
+    names += [f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
+    return [folder / name for name in [*names, "experiment_a.md"]]
+
+
+def _write_figures(runs: Sequence[Run], folder: Path) -> None:
     from rcmqp import plots  # matplotlib takes long to import
 
-    return [
-        *plots.save_figure(plots.trajectory_figure(runs), folder / "fig2_trajectories.png"),
-        *plots.save_figure(plots.error_figure(runs), folder / "fig3_errors.png"),
-    ]
+    for name, draw in zip(FIGURES, (plots.trajectory_figure, plots.error_figure), strict=True):
+        plots.save_figure(draw(runs), folder / name)

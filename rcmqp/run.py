@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.errors import ArmError, RcmqpError, RunFileError
+from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
 
 FORMAT = "rcmqp run"
@@ -40,15 +41,22 @@ class Run:
     options: Mapping[str, Any]
     versions: Mapping[str, str]
     joints: tuple[str, ...]
-    lower: Array = _channel("rad", "(nv,) lower position limits; -inf for continuous joints")
+    urdf_sha256: str
+    lower: Array = _channel(
+        "rad", "(nv,) lower position limits; -inf for continuous joints; m if prismatic"
+    )
     upper: Array = _channel("rad", "(nv,) upper position limits; inf for continuous joints")
     velocity_limit: Array = _channel("rad/s", "(nv,) joint speed limits")
     time: Array = _channel("s", "(n,) sampling instants")
     q: Array = _channel("rad", "(n, nq) Pinocchio's configuration")
-    angles: Array = _channel("rad", "(n, nv) joint angles")
+    angles: Array = _channel("rad", "(n, nv) joint angles; m if prismatic")
     v: Array = _channel("rad/s", "(n, nv) joint velocity, held until the next instant")
-    x: Array = _channel("1, m", "(n, 8) effector pose in the world, unit dual quaternion")
-    x_d: Array = _channel("1, m", "(n, 8) desired effector pose")
+    x: Array = _channel(
+        "1, m",
+        "(n, 8) effector pose in the world, a unit dual quaternion r + "
+        "eps t r / 2: r w first, then t r / 2; its sign is continuous in time",
+    )
+    x_d: Array = _channel("1, m", "(n, 8) desired effector pose, its sign that of x")
     tip: Array = _channel("m", "(n, 3) tip in the world")
     tip_d: Array = _channel("m", "(n, 3) desired tip")
     tip_error: Array = _channel("m", "(n,) distance of the tip from the desired one")
@@ -56,11 +64,18 @@ class Run:
     orientation_error: Array = _channel("rad", "(n,) angle from the desired orientation")
     rcm_error: Array = _channel("m", "(n,) distance of the trocar from the shaft's axis")
     depth: Array = _channel("m", "(n,) insertion depth of the tip beyond the trocar")
+    tilt: Array = _channel("rad", "(n,) angle of the shaft from the trocar's axis")
     singular_value: Array = _channel(
         "m, rad", "(n,) least singular value of the effector's geometric Jacobian"
     )
     solve_time: Array = _channel("s", "(n,) time the controller took for the step")
     diagnostics: Mapping[str, Array] = field(default_factory=dict)
+    about_diagnostics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Protect the arrays."""
+        for array in [*self.arrays().values(), *self.diagnostics.values()]:
+            array.setflags(write=False)
 
     @property
     def period(self) -> float:
@@ -74,13 +89,19 @@ class Run:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over everything but solve times and versions: equal runs, equal digests."""
+        """SHA-256 of all that the run is: equal runs, equal digests.
+
+        Solve times and versions, which say how it was made, do not count.
+        """
         sha = hashlib.sha256()
         arrays = {**self.arrays(), **self.diagnostics}
         for name in sorted(arrays.keys() - {"solve_time"}):
-            sha.update(name.encode())
-            sha.update(np.ascontiguousarray(arrays[name]).tobytes())
+            array = np.ascontiguousarray(arrays[name])
+            sha.update(f"{name} {array.shape} {array.dtype}".encode())
+            sha.update(array.tobytes())
+        sha.update(json.dumps(self.joints).encode())
         sha.update(self.scenario.to_json().encode())
+        sha.update(self.urdf_sha256.encode())
         sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
         return sha.hexdigest()
 
@@ -90,12 +111,25 @@ class Run:
             return NotImplemented
         return (
             self.digest == other.digest
-            and self.joints == other.joints
             and dict(self.versions) == dict(other.versions)
             and np.array_equal(self.solve_time, other.solve_time)
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    def insertion(self) -> Insertion:
+        """The arm with the instrument in the trocar, as the run had them.
+
+        Raises:
+            ArmError: the URDF is not the one that the run was made with.
+            RcmqpError: the arm cannot be loaded here.
+        """
+        insertion = self.scenario.insertion()
+        if insertion.arm.sha256 != self.urdf_sha256:
+            raise ArmError(
+                f"{insertion.arm.urdf} has changed since the run was made; make the run again"
+            )
+        return insertion
 
     def arrays(self) -> dict[str, Array]:
         """The arrays with a unit, by name."""
@@ -107,7 +141,7 @@ class Run:
         Raises:
             RunFileError: the file cannot be written.
         """
-        path = Path(path)
+        path = Path(path).resolve()
         check_writable(path)
         part = _part(path)
         try:
@@ -127,6 +161,7 @@ class Run:
         file.attrs["options"] = json.dumps(dict(self.options))
         file.attrs["versions"] = json.dumps(dict(self.versions))
         file.attrs["joints"] = json.dumps(self.joints)
+        file.attrs["urdf_sha256"] = self.urdf_sha256
         file.attrs["seed"] = self.scenario.seed
         file.attrs["digest"] = self.digest
         for item in _channels():
@@ -134,7 +169,9 @@ class Run:
             dataset.attrs.update(item.metadata)
         group = file.create_group("diagnostics")
         for name, values in self.diagnostics.items():
-            group.create_dataset(name, data=values, **CHECKED)
+            unit, meaning = self.about_diagnostics.get(name, ("", "(n,) see the controller"))
+            dataset = group.create_dataset(name, data=values, **CHECKED)
+            dataset.attrs.update(unit=unit, meaning=meaning)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Run:
@@ -145,16 +182,25 @@ class Run:
         """
         path = Path(path)
         if not path.is_file():
-            raise RunFileError(path, "no such file")
-        with path.open("rb") as stream:
-            if stream.read(len(SIGNATURE)) != SIGNATURE:
-                raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
+            reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
+            raise RunFileError(path, reason)
         try:
+            with path.open("rb") as stream:
+                if stream.read(len(SIGNATURE)) != SIGNATURE:
+                    raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
             with h5py.File(path, "r") as file:
                 return cls._read(path, file)
         except RunFileError:
             raise
-        except (RcmqpError, OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        except (
+            RcmqpError,
+            OSError,
+            AttributeError,
+            KeyError,
+            ValueError,
+            TypeError,
+            RuntimeError,
+        ) as error:
             raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
 
     @classmethod
@@ -172,7 +218,12 @@ class Run:
             options=json.loads(file.attrs["options"]),
             versions=json.loads(file.attrs["versions"]),
             joints=tuple(json.loads(file.attrs["joints"])),
+            urdf_sha256=file.attrs["urdf_sha256"],
             diagnostics={name: data[()] for name, data in file["diagnostics"].items()},
+            about_diagnostics={
+                name: (data.attrs["unit"], data.attrs["meaning"])
+                for name, data in file["diagnostics"].items()
+            },
             **{item.name: file[item.name][()] for item in _channels()},
         )
         if run.digest != file.attrs["digest"]:
@@ -186,10 +237,12 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     Raises:
         RunFileError: it cannot; the message says why.
     """
-    path = Path(path)
+    path = Path(path).resolve()
     try:
         if path.is_dir():
             raise RunFileError(path, "is a folder; give the name of a file")
+        if path.exists() and not path.is_file():
+            raise RunFileError(path, "is no regular file; give the name of one")
         if not path.parent.is_dir():
             raise RunFileError(path, f"there is no folder {path.parent}; make it first")
         _part(path).touch()

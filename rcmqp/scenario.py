@@ -17,9 +17,12 @@ from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.instrument import Camera, Instrument, Trocar
-from rcmqp.loading import load_arm
+from rcmqp.loading import arm_names, load_arm
 from rcmqp.paths import PATHS, Path
 from rcmqp.planner import Planner
+
+MOST_CYCLES = 10_000_000
+"""Sampling instants that a run may have; each takes about a kilobyte."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ class Scenario:
         planner_time: how long the path planner takes from one view to a far one [s], in equal
             parts of one period each; None sends every view to the controller as it is.
         shaft_tolerance: how far off the shaft the trocar may be found at the start [m].
-        seed: of everything random.
+        seed: of what is random in the scenario.
     """
 
     name: str
@@ -68,8 +71,20 @@ class Scenario:
                 raise OptionError(f"{name} = {value} s, it must be positive")
         if not 0.0 <= self.shaft_tolerance < math.inf:
             raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
+        if type(self.path) not in PATHS.values():
+            raise OptionError(
+                f"path = {self.path!r} is of no registered kind; add its class to "
+                "rcmqp.paths.PATHS"
+            )
+        if not isinstance(self.name, str) or not isinstance(self.arm, str):
+            raise OptionError(f"name = {self.name!r}, arm = {self.arm!r}, they must be text")
         if not isinstance(self.seed, int):
             raise OptionError(f"seed = {self.seed!r}, it must be a whole number")
+        if self.cycles > MOST_CYCLES:
+            raise OptionError(
+                f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
+                f"run keeps at most {MOST_CYCLES} in memory"
+            )
         if self.cycles < 2:
             raise OptionError(
                 f"duration = {self.duration} s is shorter than one period of {self.period} s"
@@ -88,8 +103,29 @@ class Scenario:
 
     @property
     def cycles(self) -> int:
-        """Number of sampling instants, the first at 0 and the last at ``duration``."""
+        """Number of sampling instants, the first at 0, the last nearest to ``duration``."""
         return round(self.duration / self.period) + 1
+
+    @classmethod
+    def of(cls, name: str, insertion: Insertion, path: Path, **fields: Any) -> Scenario:
+        """The scenario of a path on an insertion that is at hand, for the path's duration.
+
+        Args:
+            name: what to call it.
+            insertion: its arm was loaded by name, or from a URDF.
+            path: the views asked for.
+            fields: any other field of Scenario.
+        """
+        arm = insertion.arm
+        given = {
+            "arm": arm.name,
+            "flange": None if arm.name in arm_names() else arm.flange,
+            "angles_start": tuple(insertion.angles_start),
+            "instrument": insertion.instrument,
+            "trocar": insertion.trocar,
+            "duration": path.duration,
+        }
+        return cls(name=name, path=path, **(given | fields))
 
     def insertion(self) -> Insertion:
         """Load the arm and put the instrument in.
@@ -158,15 +194,15 @@ def scenario_names() -> list[str]:
 
 
 def load_scenario(
-    name: str, arm: str = "lwa3", *, flange: str | None = None, **changes: Any
+    name: str, arm: str | None = None, *, flange: str | None = None, **changes: Any
 ) -> Scenario:
     """Make a scenario by name on an arm, or read one from a file.
 
     Args:
         name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
             those in the scenarios folder; or a .json file that holds Scenario.to_json().
-        arm: a name that load_arm() knows, or the path of a URDF; not used with
-            a .json file.
+        arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
+            own. A .json file has its arm already.
         flange: with a URDF, the frame that carries the instrument.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
@@ -177,8 +213,17 @@ def load_scenario(
     """
     if name.endswith(".json"):
         scenario = _read(FilePath(name))
+        if arm is not None or flange is not None:
+            raise OptionError(f"{name} names its own arm, {scenario.arm}; edit the file instead")
     else:
-        scenario = scenario_module(name).scenario(arm, flange=flange)
+        if arm is not None and arm not in arm_names() and FilePath(arm).is_file():
+            arm = str(FilePath(arm).resolve())
+        module, chosen = scenario_module(name), {} if arm is None else {"arm": arm}
+        scenario = module.scenario(**chosen, flange=flange)
+        if not isinstance(scenario, Scenario):
+            raise OptionError(
+                f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
+            )
     fields = [field.name for field in dataclasses.fields(Scenario)]
     for change in changes:
         if change not in fields:
@@ -204,7 +249,10 @@ def scenario_module(name: str) -> ModuleType:
             f"{name}: no such file; give a scenario's file or one of {scenario_names()}"
         )
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
     if not hasattr(module, "scenario"):
         raise OptionError(f"{name} has no function scenario(arm, *, flange=None)")
     return module
@@ -213,5 +261,5 @@ def scenario_module(name: str) -> ModuleType:
 def _read(file: FilePath) -> Scenario:
     try:
         return Scenario.from_json(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, OptionError) as error:
         raise OptionError(f"cannot read the scenario {file}: {error}") from error

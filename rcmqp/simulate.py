@@ -10,15 +10,15 @@ from collections.abc import Callable
 import numpy as np
 
 from rcmqp import dualquaternion as dq
-from rcmqp.controllers.base import Controller
+from rcmqp.controllers.base import Command, Controller
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import OptionError
-from rcmqp.insertion import insertion_depth, rcm_error
-from rcmqp.reference import view_pose
+from rcmqp.errors import InsertionError, InvalidCommand, OptionError
+from rcmqp.insertion import Insertion, insertion_depth, rcm_error, tilt
+from rcmqp.reference import ViewCommand, view_pose
 from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 
-PACKAGES = ("rcmqp", "pin", "numpy", "proxsuite", "qpsolvers")
+PACKAGES = ("rcmqp", "pin", "numpy", "h5py", "example-robot-data", "proxsuite", "qpsolvers")
 
 
 def simulate(
@@ -49,6 +49,7 @@ def simulate(
     q_k = insertion.q_start
     for k in range(n):
         command = scenario.path.command(k * T, insertion.tip_depth)
+        _check_reach(insertion, command, k * T)
         reference = view_pose(insertion.x_rcm, command)
         if planner is not None:
             reference = planner.step(reference)
@@ -56,16 +57,21 @@ def simulate(
         start = time.perf_counter()
         answer = controller.step(state, reference)
         solve_time[k] = time.perf_counter() - start
+        _check_answer(answer, controller.name, arm.nv, k * T)
         q_k = arm.integrate(q_k, answer.v, T)
 
         q[k], x[k], x_d[k], v[k] = state.q, state.x, reference.x_d, answer.v
         angles[k], J[k] = state.angles, state.J_local
         for name, value in answer.diagnostics.items():
-            diagnostics.setdefault(name, np.full(n, np.nan))[k] = value
+            if name not in diagnostics:
+                diagnostics[name] = np.full(n, np.nan)
+            diagnostics[name][k] = value
         if progress is not None and (k % 100 == 99 or k == n - 1):
             progress(k % 100 + 1)
 
     pivot = np.array(scenario.trocar.pivot)
+    x = _continuous(x)
+    x_d = dq.align_sign(x_d, x)
     tip, tip_d = insertion.tip(x), insertion.tip(x_d)
     return Run(
         scenario=scenario,
@@ -89,9 +95,12 @@ def simulate(
         orientation_error=dq.angle_between(x, x_d),
         rcm_error=rcm_error(x, pivot),
         depth=insertion_depth(x, pivot, insertion.tip_depth),
+        tilt=tilt(x, np.array(scenario.trocar.axis)),
         singular_value=np.asarray(np.linalg.svd(J, compute_uv=False)[:, -1], dtype=float),
         solve_time=solve_time,
         diagnostics=diagnostics,
+        about_diagnostics=controller.diagnostics,
+        urdf_sha256=arm.sha256,
     )
 
 
@@ -99,6 +108,31 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide a run's numbers."""
     found = {name: importlib.metadata.version(name) for name in PACKAGES}
     return {"python": platform.python_version(), **found}
+
+
+def _continuous(x: Array) -> Array:
+    """Poses (n, 8) with signs such that each is on the side of the one before."""
+    same = np.sum(x[1:, :4] * x[:-1, :4], axis=1) >= 0.0
+    signs = np.concatenate([[1.0], np.cumprod(np.where(same, 1.0, -1.0))])
+    return signs[:, None] * x
+
+
+def _check_reach(insertion: Insertion, command: ViewCommand, t: float) -> None:
+    depth, length = insertion.tip_depth + command.t_z, insertion.instrument.length
+    if depth > length:
+        raise InsertionError(
+            f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the shaft "
+            f"is only {1e3 * length:.1f} mm long; make the path shallower or the shaft longer"
+        )
+
+
+def _check_answer(answer: Command, name: str, nv: int, t: float) -> None:
+    v = np.asarray(getattr(answer, "v", None))
+    if v.shape != (nv,) or v.dtype.kind != "f" or not np.isfinite(v).all():
+        raise InvalidCommand(
+            f"controller {name!r} answered {answer} at t = {t:.6g} s; it must be a Command with "
+            f"{nv} finite joint velocities"
+        )
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:
@@ -110,6 +144,7 @@ def _check_made_for(scenario: Scenario, controller: Controller) -> None:
     insertion = controller.insertion
     same = (
         insertion.arm.name == scenario.arm
+        and scenario.flange in (None, insertion.arm.flange)
         and insertion.trocar == scenario.trocar
         and insertion.instrument == scenario.instrument
         and np.array_equal(insertion.q_start, insertion.arm.configuration(scenario.angles_start))

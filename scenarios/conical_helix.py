@@ -14,22 +14,13 @@ def scenario(
     arm: str = "lwa3", *, flange: str | None = None, trocar: Trocar | None = None
 ) -> Scenario:
     """The helix through a trocar, or, without one, from the arm's home, through one put there."""
-    instrument, path, loaded = Instrument(), ConicalHelix(), load_arm(arm, flange)
+    instrument, loaded = Instrument(), load_arm(arm, flange)
     if trocar is None:
         insertion = Insertion.on_shaft(loaded, instrument, depth=DEPTH)
     else:
         start = find_start(loaded, instrument, trocar, depth=DEPTH)
         insertion = Insertion(loaded, instrument, trocar, start)
-    return Scenario(
-        name="conical_helix",
-        arm=arm,
-        flange=flange,
-        angles_start=tuple(insertion.angles_start),
-        instrument=instrument,
-        trocar=insertion.trocar,
-        path=path,
-        duration=path.duration,
-    )
+    return Scenario.of("conical_helix", insertion, ConicalHelix())
 
 
 if __name__ == "__main__":

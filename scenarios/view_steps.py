@@ -22,17 +22,7 @@ def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
         ),
         dwell=2.5,
     )
-    return Scenario(
-        name="view_steps",
-        arm=arm,
-        flange=flange,
-        angles_start=tuple(insertion.angles_start),
-        instrument=insertion.instrument,
-        trocar=insertion.trocar,
-        path=path,
-        duration=path.duration,
-        planner_time=1.5,
-    )
+    return Scenario.of("view_steps", insertion, path, planner_time=1.5)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +14,7 @@ from typing import Any, TypeAlias
 
 import pytest
 
-from rcmqp import Run, arm_names, scenario_names
+from rcmqp import Run, arm_names, load_arm, load_scenario, scenario_names
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, controller_options
 
@@ -148,6 +151,9 @@ def test_help_teaches_with_an_example_and_says_the_exit_codes(call: Call) -> Non
         (("run", "conical_helix", "--duration", "nan"), "duration = nan s"),
         ((*SHORT, "--arm", "no/such.urdf", "--flange", "tool"), "no such file"),
         (("show", "no_such_run.h5"), "no such file"),
+        (("show", "."), "is a folder"),
+        (("run", "conical_helix", "--duration", "1e9"), "keeps at most"),
+        ((*SHORT, "--out", "/dev/null"), "is no regular file"),
         (("run", "no_such_scenario.py"), "no such file"),
         (("controllers", "nonesuch"), "unknown controller"),
         (("reproduce", "--out", "/dev/null/results"), "cannot be made"),
@@ -161,6 +167,37 @@ def test_bad_input_ends_with_code_1_and_a_remedy(
     assert err.startswith("error: ")
     assert message in err
     assert "Traceback" not in err
+
+
+def test_a_run_that_leaves_what_the_trocar_allows_is_said(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = load_scenario("conical_helix", "ur5", period=0.01, duration=8.0)
+    trocar = dataclasses.replace(
+        scenario.trocar, cone_half_angle=math.radians(3.0), depth_range=(0.0, 0.105)
+    )
+    file = tmp_path / "tight.json"
+    file.write_text(dataclasses.replace(scenario, trocar=trocar).to_json())
+    code, _, err = call("run", str(file))
+    assert code == 0
+    assert re.search(r"the tip went from 100\.0 to 1\d\d\.\d mm, the trocar allows 0\.0", err)
+    assert re.search(r"tilted by \d+\.\d deg, the cone allows 3\.0 deg", err)
+
+
+def test_overshoot_is_said(call: Call) -> None:
+    assert "above 1 the law overshoots" in call(*SHORT, "--gain", "130")[2]
+
+
+def test_what_is_not_finite_is_null_in_json(call: Call, tmp_path: Path) -> None:
+    urdf = load_arm("kinova").urdf
+    assert urdf is not None
+    text = re.sub(r'type="revolute"', 'type="continuous"', urdf.read_text())
+    file = tmp_path / "endless.urdf"
+    file.write_text(text)
+    arm = ("--arm", str(file), "--flange", "j2s6s200_end_effector")
+    code, out, _ = call("run", "conical_helix", *arm, "--duration", "0.05", "--json")
+    assert code == 0
+    assert read_json(out)["metrics"]["limit_margin_min_rad"] is None
 
 
 def test_wrong_usage_ends_with_code_2(call: Call) -> None:
@@ -184,7 +221,7 @@ def test_an_unwritable_path_is_found_before_the_run(
 def test_a_broken_limit_is_said_on_stderr(call: Call) -> None:
     assert call(*SHORT)[2] == ""
     hasty = ("--set", "objective=joint_centring", "--set", "K_c=1000")
-    assert "exceed its speed limit" in call(*SHORT, *hasty)[2]
+    assert re.search(r"warning: \w+ at 0\.\d+ s was asked for \S+ times", call(*SHORT, *hasty)[2])
     assert call(*SHORT, *hasty, "--set", "velocity_limit=scale")[2] == ""
 
 
@@ -205,8 +242,34 @@ def test_a_scenario_file_of_ones_own_runs(call: Call, tmp_path: Path) -> None:
     )
     _, out, _ = call("run", str(file), "--duration", "0.05", "--arm", "panda", "--json")
     assert (read_json(out)["scenario"], read_json(out)["arm"]) == ("mine", "panda")
-    file.write_text("")
-    assert "has no function scenario" in call("run", str(file))[2]
+    for content, message in (
+        ("", "has no function scenario"),
+        ("import nonesuch", "cannot be run: ModuleNotFoundError"),
+        ("def scenario(arm='', *, flange=None): return 5", "returned int, it must be a Scenario"),
+    ):
+        file.write_text(content)
+        assert message in call("run", str(file))[2]
+
+
+def test_a_json_scenario_has_its_own_arm(call: Call, tmp_path: Path) -> None:
+    file = tmp_path / "mine.json"
+    file.write_text(load_scenario("conical_helix", "ur5", duration=0.05).to_json())
+    assert read_json(call("run", str(file), "--json")[1])["arm"] == "ur5"
+    assert "names its own arm, ur5" in call("run", str(file), "--arm", "panda")[2]
+    file.write_text("{}")
+    assert str(file) in call("run", str(file))[2].replace("\n", "")
+
+
+def test_figures_of_a_run_need_the_urdf_that_it_was_made_with(call: Call, tmp_path: Path) -> None:
+    urdf = load_arm("lwa3").urdf
+    assert urdf is not None
+    own, file, folder = tmp_path / "own.urdf", tmp_path / "run.h5", str(tmp_path / "figures")
+    own.write_text(urdf.read_text())
+    call(*SHORT, "--arm", str(own), "--flange", "flange", "--out", str(file))
+    assert call("show", str(file), "--figures", folder)[0] == 0
+    assert "cannot be made" in call("show", str(file), "--figures", str(file))[2]
+    own.write_text(urdf.read_text() + "<!-- changed -->")
+    assert "has changed since the run was made" in call("show", str(file), "--figures", folder)[2]
 
 
 def test_python_dash_m_is_the_command_line() -> None:

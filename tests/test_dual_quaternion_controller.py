@@ -37,6 +37,7 @@ from rcmqp.dualquaternion import Array, angle_between, from_se3, translation
 from rcmqp.errors import InvalidCommand, OptionError, UnknownName
 from rcmqp.objectives import OBJECTIVES, make_objective
 
+PAN = "shoulder_pan_joint"
 PERIOD = 8e-3
 SEVEN_JOINTS = [name for name in arm_names() if load_arm(name).nv == 7]
 SIX_JOINTS = [name for name in arm_names() if load_arm(name).nv == 6]
@@ -105,12 +106,12 @@ def law(
     K: float = 60.0,
     K_c: float = 7.0,
     c_d: float = 1.0,
-    tolerance: float = 1e-3,
+    tolerance: float = 1e-7,
 ) -> Array:
     """The law (6) without its T, for x_d on the side of x."""
     N = matrix_N(insertion, state, x_d)
     N_inv = np.linalg.pinv(N, rcond=tolerance)
-    P = np.eye(N.shape[1]) - N_inv @ N
+    P = np.eye(N.shape[1]) - np.linalg.pinv(N, rcond=1e-12) @ N
     c, J_c = make_objective(objective, insertion.arm).evaluate(state)
     answer: Array = N_inv @ (K * error(state, x_d)) + P @ (K_c * J_c.T * (c_d - c))
     return answer
@@ -344,6 +345,27 @@ def test_six_joints_have_no_nullspace(name: str) -> None:
     assert_allclose(with_c, without_c, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", SEVEN_JOINTS)
+@pytest.mark.parametrize("options", [{}, {"damping": 0.05}, {"tolerance": 0.05}], ids=str)
+def test_the_nullspace_term_leaves_every_pose_alone(name: str, options: dict[str, float]) -> None:
+    rng, insertion = np.random.default_rng(7), inserted(name)
+    with_c = controller(insertion, **options)
+    without = controller(insertion, K_c=0.0, **options)
+    for _ in range(300):
+        state = insertion.state(insertion.arm.configuration(insertion.arm.random_angles(rng)))
+        v_0 = with_c.step(state, still(state.x)).v - without.step(state, still(state.x)).v
+        N = matrix_N(insertion, state, state.x)
+        assert size(N @ v_0) <= 1e-12 * max(1.0, size(v_0))
+
+
+def test_an_arm_of_five_joints_is_refused() -> None:
+    urdf = load_arm("ur5").urdf
+    arm = load_arm(str(urdf), "tool0", home=[-1.6, 1.4, -1.4, -1.6, 0.0], locked={PAN: 0.0})
+    insertion = Insertion.on_shaft(arm, Instrument())
+    with pytest.raises(OptionError, match=r"has 5 joints; the law .* needs six or more"):
+        make_controller("dual_quaternion", insertion, PERIOD)
+
+
 # Near singularities ------------------------------------------------------------------------
 
 
@@ -358,6 +380,10 @@ def helix_from(arm: str, angles: Sequence[float], duration: float = 2.0) -> Scen
         duration=duration,
         period=PERIOD,
     )
+
+
+def ready(scenario: Scenario) -> tuple[Scenario, DualQuaternion]:
+    return scenario, controller(scenario.insertion())
 
 
 @pytest.mark.parametrize(("arm", "angles"), SINGULAR_STARTS)
@@ -404,6 +430,15 @@ def test_from_a_singular_start_speed_limits_are_kept_exactly(
     assert (run.diagnostics["scale"] < 1.0).any()  # there was something to limit
 
 
+@pytest.mark.parametrize("q6", [0.003, 0.01, 0.02])
+def test_near_a_singularity_that_the_path_leaves_the_rcm_holds(q6: float) -> None:
+    """Wrist almost straight, rank full: a cut-off that gave this direction up lost the RCM."""
+    run = simulate(*ready(helix_from("lwa3", (0.0, 0.5, 0.0, 1.2, math.pi / 2, q6, 0.0), 6.0)))
+    assert (run.diagnostics["rank"] == 6).all()
+    assert run.rcm_error.max() < 0.05e-3
+    assert np.abs(run.v).max() < 1.5
+
+
 # Options -----------------------------------------------------------------------------------
 
 
@@ -428,12 +463,24 @@ def test_feed_forward_follows_a_moving_view_without_lag() -> None:
     assert lag(True) < 1e-3 * speed / 60.0
 
 
+def test_feed_forward_takes_minus_x_d_with_minus_its_rate() -> None:
+    rng, insertion = np.random.default_rng(7), inserted("lwa3")
+    state = near_start(insertion, rng)
+    x_d = moved(state, rng.normal(scale=0.1, size=6))
+    rate = 0.5 * product(x_d, np.array([0.0, 0.1, -0.2, 0.3, 0.0, 0.01, 0.02, -0.01]))
+    law_under_test = controller(insertion, feed_forward=True)
+    a, b = (law_under_test.step(state, Reference(s * x_d, s * rate)).v for s in (1.0, -1.0))
+    assert np.array_equal(a, b)
+    still_v = law_under_test.step(state, still(x_d)).v
+    assert size(a - still_v) > 0.1
+
+
 def test_damping_changes_nothing_far_from_singularities() -> None:
     rng, insertion = np.random.default_rng(7), inserted("lwa3")
     state = near_start(insertion, rng)
     reference = still(moved(state, rng.normal(scale=0.1, size=6)))
     plain, damped = (controller(insertion, damping=d).step(state, reference) for d in (0.0, 0.05))
-    assert plain.diagnostics["least_singular_value"] > 0.02
+    assert plain.diagnostics["sigma_6_of_N"] > 0.02
     assert np.array_equal(plain.v, damped.v)
 
 
@@ -511,17 +558,18 @@ def test_tolerance_decides_which_directions_are_given_up() -> None:
         assert_allclose(
             U[:, :rank].T @ (N @ answer.v - 60.0 * error(state, x_d)), 0.0, rtol=0, atol=1e-12
         )
-        assert_allclose(answer.diagnostics["least_singular_value"], s[5], rtol=1e-9)
+        assert_allclose(answer.diagnostics["sigma_6_of_N"], s[5], rtol=1e-9)
 
 
-def test_the_diagnostics_are_the_objective_and_the_least_singular_value() -> None:
+def test_the_diagnostics_are_what_they_are_said_to_be() -> None:
     rng, insertion = np.random.default_rng(7), inserted("lwa3")
     state = near_start(insertion, rng)
     found = controller(insertion, objective="manipulability").step(state, still(state.x))
     J = state.J_local
     expected = {
         "objective": math.sqrt(np.linalg.det(J @ J.T)),
-        "least_singular_value": np.linalg.svd(J, compute_uv=False)[-1] / 2.0,
+        "sigma_6_of_N": np.linalg.svd(J, compute_uv=False)[-1] / 2.0,
+        "rank": 6.0,
         "scale": 1.0,
     }
     assert found.diagnostics.keys() == expected.keys()

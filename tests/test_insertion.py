@@ -147,3 +147,10 @@ def test_the_start_must_be_inside_the_joint_limits(lwa3: Arm) -> None:
         Insertion.on_shaft(lwa3, INSTRUMENT, angles)
     with pytest.raises(InvalidCommand, match=r"joint angles has shape \(6,\)"):
         Insertion.on_shaft(lwa3, INSTRUMENT, [0.0] * 6)
+
+
+def test_a_shaft_outside_the_cone_at_the_start_is_refused(lwa3: Arm) -> None:
+    trocar = Insertion.on_shaft(lwa3, INSTRUMENT).trocar
+    away = dataclasses.replace(trocar, axis=vector3("axis", -np.array(trocar.axis)))
+    with pytest.raises(InsertionError, match=r"starts 180\.0 deg from the trocar's axis"):
+        Insertion(lwa3, INSTRUMENT, away, lwa3.home)

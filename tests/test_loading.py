@@ -259,3 +259,14 @@ def test_a_missing_file_is_said_to_be_missing(tmp_path: Path, name: str) -> None
 def test_errors_of_loading_are_of_one_family() -> None:
     for error in (ArmError, FrameNotFound, UnknownName, JointLimitViolated, OptionError):
         assert issubclass(error, RcmqpError)
+
+
+def test_a_mimicking_joint_on_the_chain_is_refused_and_off_it_is_held(tmp_path: Path) -> None:
+    urdf = load_arm("ur5").urdf
+    assert urdf is not None
+    text = urdf.read_text()
+    i = text.index("</joint>", text.index('<joint name="wrist_3_joint"'))
+    path = write(tmp_path, text[:i] + '<mimic joint="wrist_2_joint"/>' + text[i:])
+    with pytest.raises(ArmError, match="'wrist_3_joint' mimics another one"):
+        load_arm(path, "tool0")
+    assert load_arm(path, "wrist_2_link").nv == 5

@@ -23,6 +23,7 @@ def small() -> Run:
         options={},
         versions={},
         joints=("one", "two"),
+        urdf_sha256="",
         lower=np.array([-1.0, -np.inf]),
         upper=np.array([2.0, np.inf]),
         velocity_limit=np.array([0.5, 4.0]),
@@ -40,6 +41,7 @@ def small() -> Run:
         rcm_error=np.array([1e-6, 7e-6, 5e-6, 5e-6]),
         orientation_error=np.array([2e-3, 4e-3, 4e-3, 8e-3]),
         depth=np.array([0.1, 0.12, 0.09, 0.1]),
+        tilt=np.array([0.0, 0.2, 0.3, 0.1]),
         singular_value=np.array([0.3, 0.2, 0.1, 0.4]),
         solve_time=zeros + np.array([1e-6, 2e-6, 4e-6, 101e-6]),
     )
@@ -63,6 +65,7 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         orientation_p95_mrad=7.4,
         depth_min_mm=90.0,
         depth_max_mm=120.0,
+        tilt_max_mrad=300.0,
         speed_ratio_max=0.8,  # joint one at -0.4 of 0.5, before joint two at -3 of 4
         limit_margin_min_rad=0.25,  # joint one at 1.75 of 2
         singular_value_min=0.1,

@@ -19,7 +19,7 @@ from rcmqp.run import check_writable
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [
     "diagnostics/objective",
-    "diagnostics/least_singular_value",
+    "diagnostics/sigma_6_of_N",
     "diagnostics/scale",
 ]
 

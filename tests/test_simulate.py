@@ -8,7 +8,7 @@ import platform
 import subprocess
 import sys
 from importlib.metadata import version
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -35,7 +35,8 @@ from rcmqp import (
 )
 from rcmqp.controllers import CONTROLLERS, DualQuaternion
 from rcmqp.dualquaternion import Array, to_se3
-from rcmqp.errors import OptionError
+from rcmqp.errors import InsertionError, InvalidCommand, OptionError
+from rcmqp.paths import ConicalHelix
 
 PERIOD = 8e-3
 
@@ -272,3 +273,38 @@ def test_a_controller_for_the_same_insertion_is_taken_wherever_continuous_joints
             trocar=Insertion.on_shaft(arm, Instrument(), start).trocar,
         )
         assert ran(scenario).scenario == scenario
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [None, Command(np.full(7, np.nan)), Command(np.zeros(3)), Command(np.zeros(7, dtype=int))],
+    ids=["none", "nan", "short", "whole numbers"],
+)
+def test_a_wrong_answer_of_a_controller_is_refused_when_it_comes(answer: Any) -> None:
+    scenario = load_scenario("conical_helix", duration=0.01)
+
+    class Wrong(DualQuaternion):
+        name = "wrong"
+
+        def step(self, state: ArmState, reference: Reference) -> Command:
+            return cast(Command, answer)
+
+    with pytest.raises(InvalidCommand, match=r"controller 'wrong' answered .* at t = 0 s"):
+        simulate(scenario, Wrong(scenario.insertion(), scenario.period))
+
+
+def test_a_view_deeper_than_the_shaft_is_long_is_refused_with_its_time() -> None:
+    scenario = load_scenario("conical_helix", period=0.01)
+    deep = dataclasses.replace(scenario, path=ConicalHelix(pitch=0.1))
+    made = make_controller("dual_quaternion", deep.insertion(), 0.01, velocity_limit="scale")
+    with pytest.raises(InsertionError, match=r"at t = \d+\.\d+ s .* only 330\.0 mm long"):
+        simulate(deep, made)
+
+
+def test_recorded_poses_have_continuous_signs() -> None:
+    scenario = load_scenario("view_steps", period=0.01)
+    run = simulate(scenario, make_controller("dual_quaternion", scenario.insertion(), 0.01))
+    assert (np.sum(run.x[1:, :4] * run.x[:-1, :4], axis=1) > 0).all()
+    assert (np.sum(run.x[:, :4] * run.x_d[:, :4], axis=1) > 0).all()
+    with pytest.raises(ValueError, match="read-only"):
+        run.v[0] = 0.0

@@ -11,7 +11,7 @@ from typing import Any
 
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.dual_quaternion import DualQuaternion
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import UnknownName
 from rcmqp.insertion import Insertion
 
 CONTROLLERS: dict[str, type[Controller]] = {"dual_quaternion": DualQuaternion}
@@ -55,7 +55,6 @@ __all__ = [
     "Command",
     "Controller",
     "DualQuaternion",
-    "OptionError",
     "controller_options",
     "make_controller",
 ]

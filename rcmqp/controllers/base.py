@@ -37,17 +37,27 @@ class Controller(abc.ABC):
     reset() a rerun gives the same bits.
 
     Attributes:
+        name: in CONTROLLERS.
+        diagnostics: unit and meaning of each number that a Command's diagnostics hold.
         insertion: what is controlled.
         period: sampling period T [s].
     """
 
     name: ClassVar[str]
+    diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     insertion: Insertion
     period: float
 
     def __post_init__(self) -> None:
-        """Check the period."""
+        """Check the period, and that each option is of its default's kind.
+
+        Raises:
+            OptionError: one is not.
+        """
+        for item in dataclasses.fields(self):
+            if item.init and isinstance(item.default, bool | float | str):
+                _check_kind(item.name, getattr(self, item.name), type(item.default))
         if not 0.0 < self.period < math.inf:
             raise OptionError(f"period = {self.period} s, it must be positive")
 
@@ -55,7 +65,7 @@ class Controller(abc.ABC):
     def options(self) -> dict[str, Any]:
         """The options that this controller runs with."""
         names = [item.name for item in dataclasses.fields(self) if item.init]
-        return {name: getattr(self, name) for name in names[2:]}
+        return {name: getattr(self, name) for name in names if name not in ("insertion", "period")}
 
     def reset(self) -> None:  # noqa: B027  (most controllers keep nothing)
         """Forget the run so far."""
@@ -67,3 +77,9 @@ class Controller(abc.ABC):
         Raises:
             InvalidCommand: the reference is not a pose.
         """
+
+
+def _check_kind(name: str, value: object, kind: type) -> None:
+    allowed: dict[type, tuple[type, ...]] = {bool: (bool,), float: (float, int), str: (str,)}
+    if not isinstance(value, allowed[kind]) or (kind is float and isinstance(value, bool)):
+        raise OptionError(f"{name} = {value!r}, it must be a {kind.__name__}")

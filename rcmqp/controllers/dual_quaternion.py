@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -19,6 +20,10 @@ from rcmqp.reference import Reference
 
 VELOCITY_LIMITS = ("none", "scale", "clip")
 UNIT_TOLERANCE = 1e-6
+"""How far x_d may be from a unit dual quaternion."""
+
+RANK_TOLERANCE = 1e-12
+"""Share of s_1 above which a direction of N is real, and no nullspace, if N^+ gives it up too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +54,18 @@ class DualQuaternion(Controller):
         K_c: gain of the objective [1/s times the inverse of c's gradient squared]; the
             paper's 7. 0 leaves the nullspace alone.
         c_d: desired value of the objective; the paper's 1.
-        objective: its name in OBJECTIVES; empty for the arm's own, as above.
-        tolerance: relative cut-off of N^+. The default gives up a direction that takes a
-            thousand times the joint speed of the easiest one. A commanded velocity is never
-            above K |e| / (tolerance s_1) plus the objective's; within the arm's speed limits
-            only with ``velocity_limit``.
+        objective: singularity_product, manipulability, least_singular_value or joint_centring;
+            empty for the arm's own, as above.
+        tolerance: relative cut-off of N^+: a direction whose singular value is below
+            ``tolerance`` times the largest is given up. It keeps numbers finite and no more: the
+            pose error's share of v stays below K |e| / (tolerance s_1), which no arm can follow
+            near a singularity. A larger one is no remedy: the direction's error grows while it
+            is given up, and is then answered at once.
         feed_forward: add -vec(x_eff* x_d') to K e, which takes the lag of speed / K away.
         damping: largest lambda in N^+ = V diag(s / (s^2 + lambda^2)) U^T, with lambda^2 =
             damping^2 (1 - (s_6 / damping_from)^2) where the least singular value s_6 of N is
-            below ``damping_from``, else 0 (Nakamura and Hanafusa 1986; the paper's [15]).
+            below ``damping_from``, else 0: a variable damping of the kind that the paper's [15]
+            (Chiaverini 1997) sums up.
         damping_from: see ``damping``.
         velocity_limit: what to do above the joints' speed limits: ``none``; ``scale`` the whole
             velocity, which keeps its direction; ``clip`` each joint, which does not, and lets
@@ -65,12 +73,18 @@ class DualQuaternion(Controller):
     """
 
     name: ClassVar[str] = "dual_quaternion"
+    diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "objective": ("1", "value of the objective c(theta)"),
+        "sigma_6_of_N": ("m, rad", "sixth singular value of N: about half of singular_value"),
+        "rank": ("1", "singular values of N that N^+ keeps, six away from singularities"),
+        "scale": ("1", "share of the wished speed that velocity_limit left"),
+    }
 
     gain: float = 60.0
     K_c: float = 7.0
     c_d: float = 1.0
     objective: str = ""
-    tolerance: float = 1e-3
+    tolerance: float = 1e-7
     feed_forward: bool = False
     damping: float = 0.0
     damping_from: float = 0.02
@@ -89,11 +103,13 @@ class DualQuaternion(Controller):
             raise OptionError(
                 f"gain * period = {self.gain} 1/s * {self.period} s = "
                 f"{self.gain * self.period:.3g}; the law is stable only inside (0, 2), and "
-                "without overshoot up to 1: lower the gain or sample faster"
+                "without overshoot up to 1: give a positive gain, lower, or sample faster"
             )
         for option in ("K_c", "damping"):
             if not 0.0 <= getattr(self, option) < math.inf:
-                raise OptionError(f"{option} = {getattr(self, option)}, it must be 0 or more")
+                raise OptionError(
+                    f"{option} = {getattr(self, option)}, it must be 0 or more, and finite"
+                )
         if not math.isfinite(self.c_d):
             raise OptionError(f"c_d = {self.c_d}, it must be finite")
         if not 0.0 < self.tolerance < 1.0:
@@ -103,6 +119,11 @@ class DualQuaternion(Controller):
         if self.velocity_limit not in VELOCITY_LIMITS:
             raise UnknownName("velocity_limit", self.velocity_limit, VELOCITY_LIMITS)
         arm = self.insertion.arm
+        if arm.nv < 6:
+            raise OptionError(
+                f"{arm.name} has {arm.nv} joints; the law controls position and orientation at "
+                "one priority and needs six or more"
+            )
         own = "manipulability" if arm.srs_offsets is None else "singularity_product"
         object.__setattr__(self, "objective", self.objective or own)
         object.__setattr__(self, "_objective", make_objective(self.objective, arm))
@@ -110,8 +131,8 @@ class DualQuaternion(Controller):
     def step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law at ``state``; see Controller.step()."""
         dq.check_unit(reference.x_d, "x_d", UNIT_TOLERANCE)
-        flip = -1.0 if state.x[:4] @ reference.x_d[:4] < 0.0 else 1.0
-        x_d, x_d_dot = flip * reference.x_d, flip * reference.x_d_dot
+        x_d = dq.align_sign(reference.x_d, state.x)
+        x_d_dot = reference.x_d_dot if x_d @ reference.x_d > 0.0 else -reference.x_d_dot
 
         x_conj = dq.conj(state.x)
         wanted = self.gain * (dq.IDENTITY - dq.mul(x_conj, x_d))
@@ -128,17 +149,20 @@ class DualQuaternion(Controller):
 
         c, J_c = self._objective.evaluate(state)
         v_0 = self.K_c * (self.c_d - c) * J_c
-        row_space = Vt[kept]
+        row_space = Vt[s > RANK_TOLERANCE * s[0]]
         v = v + v_0 - row_space.T @ (row_space @ v_0)  # P = I - N^+ N
 
         v, scale = self._limit(v)
-        return Command(v, {"objective": c, "least_singular_value": float(s[-1]), "scale": scale})
+        numbers = (c, float(s[-1]), float(kept.sum()), scale)
+        return Command(v, dict(zip(self.diagnostics, numbers, strict=True)))
 
     def _inverse(self, s: Array, kept: NDArray[np.bool_]) -> Array:
         """Inverse of N's singular values (6,): truncated, or damped where the option says so."""
         if self.damping == 0.0 or s[-1] >= self.damping_from:
-            return np.divide(1.0, s, out=np.zeros_like(s), where=kept)
-        return np.asarray(s / (s**2 + self.damping**2 * (1.0 - (s[-1] / self.damping_from) ** 2)))
+            lambda_2 = 0.0
+        else:
+            lambda_2 = self.damping**2 * (1.0 - (s[-1] / self.damping_from) ** 2)
+        return np.divide(s, s**2 + lambda_2, out=np.zeros_like(s), where=kept)
 
     def _limit(self, v: Array) -> tuple[Array, float]:
         """Velocity (nv,) within the limits as the option says, and the share kept of it."""
