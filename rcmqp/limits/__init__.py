@@ -1,0 +1,63 @@
+"""Limits: what the joint velocity must never do, as a box and as hard rows.
+
+A new limit is a frozen dataclass derived from Limit (or Damper) with evaluate(), added to
+LIMITS. combine() makes the bounds of a hierarchy of any number of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcmqp.errors import OptionError
+from rcmqp.insertion import Insertion
+from rcmqp.limits.base import Constraint, Damper, Limit, combine, intersect
+from rcmqp.limits.entry_sphere import EntrySphere
+from rcmqp.limits.joints import JointLimits, braking_speed
+from rcmqp.limits.keep_in import KeepIn
+from rcmqp.limits.keep_out import KeepOut
+from rcmqp.limits.spheres import SphereLimit
+from rcmqp.limits.trocar_cone import TrocarCone
+from rcmqp.limits.trocar_depth import TrocarDepth
+from rcmqp.tasks.base import check_name
+
+LIMITS: dict[str, type[Limit]] = {
+    limit.name: limit
+    for limit in (JointLimits, TrocarCone, TrocarDepth, KeepOut, KeepIn, EntrySphere)
+}
+
+
+def make_limit(name: str, insertion: Insertion, period: float, **options: Any) -> Limit:
+    """Make a limit by name; what the insertion knows need not be given.
+
+    Raises:
+        UnknownName: there is no such limit, or it has no such option.
+        OptionError: an option is missing or its value is not allowed, or a damper's gain is too
+            high for the period.
+    """
+    check_name("limit", name, LIMITS, options)
+    limit = LIMITS[name].made_for(insertion, period, **options)
+    if isinstance(limit, Damper) and limit.gain * period > 1.0:
+        raise OptionError(
+            f"gain * period = {limit.gain} 1/s * {period} s = {limit.gain * period:.3g}; a damper "
+            "keeps its limit up to 1: lower the gain or sample faster"
+        )
+    return limit
+
+
+__all__ = [
+    "LIMITS",
+    "Constraint",
+    "Damper",
+    "EntrySphere",
+    "JointLimits",
+    "KeepIn",
+    "KeepOut",
+    "Limit",
+    "SphereLimit",
+    "TrocarCone",
+    "TrocarDepth",
+    "braking_speed",
+    "combine",
+    "intersect",
+    "make_limit",
+]

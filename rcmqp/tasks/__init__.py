@@ -1,0 +1,62 @@
+"""Tasks: what is wanted of the arm, as an error with its Jacobian and its drift.
+
+A new task is a frozen dataclass derived from Task with evaluate(), added to TASKS. Tasks that
+are added up share a level: ``TipTask(0.1) + RollTask(weight=0.01)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcmqp.insertion import Insertion
+from rcmqp.tasks.base import Residual, Task, Together, check_name
+from rcmqp.tasks.depth import DepthTask
+from rcmqp.tasks.direction import DirectionTask
+from rcmqp.tasks.objective import ObjectiveTask
+from rcmqp.tasks.pose import PoseTask
+from rcmqp.tasks.posture import PostureTask
+from rcmqp.tasks.rcm import RcmTask
+from rcmqp.tasks.roll import RollTask
+from rcmqp.tasks.tip import TipTask
+
+TASKS: dict[str, type[Task]] = {
+    task.name: task
+    for task in (
+        PoseTask,
+        RcmTask,
+        TipTask,
+        DepthTask,
+        RollTask,
+        DirectionTask,
+        PostureTask,
+        ObjectiveTask,
+    )
+}
+
+
+def make_task(name: str, insertion: Insertion, **options: Any) -> Task:
+    """Make a task by name; what the insertion knows need not be given.
+
+    Raises:
+        UnknownName: there is no such task, or it has no such option.
+        OptionError: an option's value is not allowed.
+    """
+    check_name("task", name, TASKS, options)
+    return TASKS[name].made_for(insertion, **options)
+
+
+__all__ = [
+    "TASKS",
+    "DepthTask",
+    "DirectionTask",
+    "ObjectiveTask",
+    "PoseTask",
+    "PostureTask",
+    "RcmTask",
+    "Residual",
+    "RollTask",
+    "Task",
+    "TipTask",
+    "Together",
+    "make_task",
+]

@@ -1,0 +1,211 @@
+"""What every task is, and how tasks share a level."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from rcmqp.arm import ArmState
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.insertion import Insertion
+from rcmqp.qp.levels import Level
+from rcmqp.qp.problem import InvalidProblem
+from rcmqp.reference import Reference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residual:
+    """Linear model of a task's error: d(error)/dt = jacobian @ v + drift.
+
+    The arrays are copied in and read-only.
+
+    Attributes:
+        error: (m,) zero where the task is done.
+        jacobian: (m, nv) its derivative by the joints.
+        drift: (m,) its change while the joints stand still [1/s]: the reference and the trocar
+            move.
+
+    Raises:
+        InvalidProblem: the three do not belong together.
+    """
+
+    error: Array
+    jacobian: Array
+    drift: Array
+
+    def __post_init__(self) -> None:
+        """Copy, protect and check the shapes."""
+        for name in self.__slots__:
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        m = self.error.shape
+        if (
+            len(m) != 1
+            or self.jacobian.ndim != 2
+            or not m == self.jacobian.shape[:1] == self.drift.shape
+        ):
+            raise InvalidProblem(
+                f"error {m}, jacobian {self.jacobian.shape} and drift {self.drift.shape} do not "
+                "belong together; a task of m rows has (m,), (m, nv) and (m,)"
+            )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Task(abc.ABC):
+    """A quantity to bring to zero: wants jacobian @ v = -gain error - drift.
+
+    A new task is a frozen dataclass with evaluate(), and a name if it goes into TASKS. It
+    depends on the state and the reference, nothing else.
+
+    Attributes:
+        gain: how fast the error goes [1/s]: as exp(-gain t). With a sampling period T the
+            error shrinks by 1 - gain T in a cycle, so gain T above 1 overshoots and above 2
+            diverges: whoever knows T checks that.
+        weight: of its squared residual against those of the tasks it shares a level with; it
+            means nothing on a level of its own.
+
+    Raises:
+        OptionError: gain or weight is not positive.
+    """
+
+    name: ClassVar[str] = "task"
+
+    gain: float = 60.0
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check gain and weight."""
+        check_positive("gain", self.gain, "1/s")
+        check_positive("weight", self.weight)
+
+    @classmethod
+    def made_for(cls, insertion: Insertion, **options: Any) -> Self:
+        """The task for an insertion; fields called arm, instrument, trocar, tip_depth fill in."""
+        return cls(**filled_in(cls, insertion, options))
+
+    @abc.abstractmethod
+    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+        """Error, Jacobian and drift at ``state``."""
+
+    def level(self, state: ArmState, reference: Reference) -> Level:
+        """The task as a level of a hierarchy, in the error's unit per second."""
+        residual = self.evaluate(state, reference)
+        wanted = -self.gain * residual.error - residual.drift
+        return Level(residual.jacobian, wanted, self.name)
+
+    def __add__(self, other: Task | Together) -> Together:
+        """Both on one level."""
+        return Together((self,)) + other
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Tasks on one level: min sum of weight |jacobian @ v + gain error + drift|^2.
+
+    Made by adding tasks: ``TipTask(0.1) + RollTask(weight=0.01)``. Errors in metres and in
+    radians are added up as they stand; the weights say what a radian is worth.
+
+    Attributes:
+        tasks: at least one.
+    """
+
+    tasks: tuple[Task, ...]
+
+    def __post_init__(self) -> None:
+        """Check that there is something to do."""
+        if not self.tasks:
+            raise OptionError("a level without tasks; give it one, or leave it out")
+
+    @property
+    def name(self) -> str:
+        """Names of the tasks."""
+        return " + ".join(task.name for task in self.tasks)
+
+    def level(self, state: ArmState, reference: Reference) -> Level:
+        """All rows, each multiplied by the root of its task's weight."""
+        levels = [task.level(state, reference) for task in self.tasks]
+        roots = [math.sqrt(task.weight) for task in self.tasks]
+        return Level(
+            np.vstack([root * level.A for root, level in zip(roots, levels, strict=True)]),
+            np.concatenate([root * level.b for root, level in zip(roots, levels, strict=True)]),
+            self.name,
+        )
+
+    def __add__(self, other: Task | Together) -> Together:
+        """All on one level."""
+        if not isinstance(other, Task | Together):
+            return NotImplemented
+        more = other.tasks if isinstance(other, Together) else (other,)
+        return Together((*self.tasks, *more))
+
+
+def filled_in(
+    cls: type, insertion: Insertion, options: Mapping[str, Any], **more: Any
+) -> dict[str, Any]:
+    """Options of a dataclass, with what an insertion, and whoever asks, knows by name.
+
+    Raises:
+        OptionError: an option without a default is still missing.
+    """
+    known = more | {
+        "arm": insertion.arm,
+        "instrument": insertion.instrument,
+        "trocar": insertion.trocar,
+        "tip_depth": insertion.tip_depth,
+    }
+    fields = [field for field in dataclasses.fields(cls) if field.init]
+    found = {field.name: known[field.name] for field in fields if field.name in known}
+    found.update(options)
+    missing = [
+        field.name
+        for field in fields
+        if field.name not in found
+        and field.default is field.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise OptionError(f"{cls.__name__} needs {' and '.join(missing)}; give a value for each")
+    return found
+
+
+def check_name(kind: str, name: str, registry: Mapping[str, type], options: Iterable[str]) -> None:
+    """Check a name of a registry, and the names of its options.
+
+    Raises:
+        UnknownName: the registry, or the dataclass of that name, does not have it.
+    """
+    if name not in registry:
+        raise UnknownName(kind, name, registry)
+    known = [field.name for field in dataclasses.fields(registry[name]) if field.init]
+    for option in options:
+        if option not in known:
+            raise UnknownName(f"option of {name}", option, known)
+
+
+def check_positive(name: str, value: float, unit: str = "") -> None:
+    """Refuse what is not a positive, finite number.
+
+    Raises:
+        OptionError: with the name and the value.
+    """
+    if not 0.0 < value < math.inf:
+        given = f"{name} = {value} {unit}".rstrip()
+        raise OptionError(f"{given}; it must be positive and finite")
+
+
+def check_finite(name: str, value: float, unit: str = "") -> None:
+    """Refuse NaN and infinity.
+
+    Raises:
+        OptionError: with the name and the value.
+    """
+    if not math.isfinite(value):
+        given = f"{name} = {value} {unit}".rstrip()
+        raise OptionError(f"{given}; it must be a finite number")
