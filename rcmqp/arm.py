@@ -34,6 +34,7 @@ class ArmState:
         x: (8,) the same placement as a unit dual quaternion, x_eff of the paper.
         J_local: (6, nv) effector twist per joint velocity, linear [m] then angular [rad], in the
             effector frame.
+        v: (nv,) joint velocity now [rad/s], as measured; zero where none is given.
     """
 
     q: Array
@@ -41,6 +42,7 @@ class ArmState:
     oMe: pin.SE3
     x: Array
     J_local: Array
+    v: Array
 
     @property
     def J_world_aligned(self) -> Array:
@@ -148,22 +150,24 @@ class Arm:
         arm._jMe = self._jMflange * flangeMe
         return arm
 
-    def state(self, q: ArrayLike) -> ArmState:
-        """One kinematics pass at the configuration ``q`` (nq,).
+    def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:
+        """One kinematics pass at a configuration ``q`` (nq,), joints moving with ``v`` (nv,).
 
         Raises:
-            InvalidCommand: q has the wrong size, or is not finite.
+            InvalidCommand: q or v has the wrong size, or is not finite, as a joint reading that
+                failed. To stop the arm then is up to the loop that reads the joints.
         """
         q = self._checked(q, self.nq, "configuration q")
+        v = np.zeros(self.nv) if v is None else self._checked(v, self.nv, "joint velocity v")
         pin.computeJointJacobians(self.model, self._data, q)  # runs forward kinematics too
         oMe = self._data.oMi[self._joint] * self._jMe
         J_local = pin.getFrameJacobian(
             self.model, self._data, self._joint, self._jMe, pin.ReferenceFrame.LOCAL
         )
         angles, x = self.angles(q), dq.from_se3(oMe)
-        for array in (q, angles, x, J_local):
+        for array in (q, angles, x, J_local, v):
             array.setflags(write=False)
-        return ArmState(q, angles, oMe, x, J_local)
+        return ArmState(q, angles, oMe, x, J_local, v)
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +13,8 @@ from rcmqp import dualquaternion as dq
 from rcmqp.arm import Arm, ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InsertionError, TrocarOffShaft
-from rcmqp.instrument import Instrument, Trocar
+from rcmqp.instrument import Instrument, Trocar, Vector3, vector3
+from rcmqp.scene import Sphere
 
 SHAFT_TOLERANCE = 1e-6
 """How far the trocar may lie off the shaft's axis at the start [m]."""
@@ -32,7 +34,10 @@ class Insertion:
         q_start: (nq,) the same as Pinocchio's configuration.
         x_rcm: (8,) x_d(0): at the pivot, turned as the shaft is at the start.
         tip_depth: how far the tip is beyond the trocar at the start [m].
-        trocar_offset: how far the trocar is off the shaft's axis at the start [m].
+        trocar_offset: how far the trocar is off the shaft's axis at the start [m]. The effector
+            is the point of the shaft nearest to it, and x_rcm lies beside the effector by that
+            much: going to x_rcm brings the shaft back.
+        obstacles: what the instrument is to keep out of.
     """
 
     def __init__(
@@ -43,6 +48,7 @@ class Insertion:
         angles_start: ArrayLike,
         *,
         tolerance: float = SHAFT_TOLERANCE,
+        obstacles: Sequence[Sphere] = (),
     ) -> None:
         """Put the instrument through the trocar.
 
@@ -52,6 +58,7 @@ class Insertion:
             trocar: the incision.
             angles_start: (nv,) joint angles at the start [rad].
             tolerance: how far the trocar may lie off the shaft's axis [m].
+            obstacles: what the instrument is to keep out of.
 
         Raises:
             JointLimitViolated: a joint starts outside its limits.
@@ -72,7 +79,7 @@ class Insertion:
         _check_depth(instrument, trocar, along)
         _check_tilt(trocar, oMf.rotation[:, 2])
         self.arm = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
-        self.instrument, self.trocar = instrument, trocar
+        self.instrument, self.trocar, self.obstacles = instrument, trocar, tuple(obstacles)
         self.tip_depth = instrument.tip - along
         self.angles_start, self.q_start = arm.angles(q_start), q_start
         self.x_rcm = dq.from_se3(pin.SE3(oMf.rotation, pivot))
@@ -97,9 +104,16 @@ class Insertion:
         pivot = oMf.act(np.array([0.0, 0.0, instrument.tip - depth]))
         return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMf.rotation[:, 2])), angles)
 
-    def state(self, q: ArrayLike) -> ArmState:
-        """One kinematics pass at the configuration ``q`` (nq,); see Arm.state()."""
-        return self.arm.state(q)
+    def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:
+        """One kinematics pass at ``q`` (nq,), joints moving with ``v`` (nv,); see Arm.state()."""
+        return self.arm.state(q, v)
+
+    def from_start(self, vector: Sequence[float]) -> Vector3:
+        """A vector (3,) in the axes of x_d(0), in those of the world.
+
+        z is along the shaft, into the patient; x and y are to the right and down in the image.
+        """
+        return vector3("vector", dq.rotate(dq.P(self.x_rcm), vector))
 
     def tip(self, x: ArrayLike) -> Array:
         """Tip (..., 3) in the world [m] for effector poses x (..., 8)."""

@@ -70,7 +70,8 @@ class Trocar:
     is checked against them, and says where it left them.
 
     Attributes:
-        pivot: (3,) the remote centre of motion in the world [m].
+        pivot: (3,) the remote centre of motion in the world [m]; where it is at the start, if
+            it moves.
         axis: (3,) unit vector in the world, into the patient: the cone's axis.
         cone_half_angle: how far the shaft may tilt from the axis [rad].
         depth_range: least and largest insertion depth of the tip beyond the pivot [m].
@@ -84,20 +85,15 @@ class Trocar:
     def __post_init__(self) -> None:
         """Make the axis a unit vector and check the rest."""
         object.__setattr__(self, "pivot", vector3("pivot", self.pivot))
-        axis = np.array(vector3("axis", self.axis))
-        length = float(np.linalg.norm(axis))
-        if length < 1e-9:
-            raise OptionError(f"axis = {self.axis} has no direction")
-        if abs(length - 1.0) > 1e-12:  # a unit vector is kept to the bit
-            object.__setattr__(self, "axis", vector3("axis", axis / length))
-        else:
-            object.__setattr__(self, "axis", vector3("axis", axis))
+        object.__setattr__(self, "axis", unit_vector3("axis", self.axis))
         _within("cone_half_angle", self.cone_half_angle, 0.0, math.pi)
         if len(self.depth_range) != 2:
             raise OptionError(f"depth_range = {self.depth_range}, it must be least and largest")
         low, high = (float(depth) for depth in self.depth_range)
-        if not low < high:
-            raise OptionError(f"depth_range = [{low}, {high}] m, the first must be the smaller")
+        if not -math.inf < low < high < math.inf:
+            raise OptionError(
+                f"depth_range = [{low}, {high}] m, the first must be the smaller, both finite"
+            )
         object.__setattr__(self, "depth_range", (low, high))
 
 
@@ -111,6 +107,21 @@ def vector3(name: str, values: Sequence[float] | Array) -> Vector3:
     if array.shape != (3,) or not np.isfinite(array).all():
         raise OptionError(f"{name} = {values}, it must be three finite numbers")
     return float(array[0]), float(array[1]), float(array[2])
+
+
+def unit_vector3(name: str, values: Sequence[float] | Array) -> Vector3:
+    """A direction as a unit vector; one that is a unit vector is kept to the bit.
+
+    Raises:
+        OptionError: it is not three finite numbers, or all of them are zero.
+    """
+    vector = vector3(name, values)
+    length = float(np.linalg.norm(vector))
+    if length < 1e-9:
+        raise OptionError(f"{name} = {values} has no direction")
+    if abs(length - 1.0) <= 1e-12:
+        return vector
+    return vector3(name, np.array(vector) / length)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

@@ -9,6 +9,9 @@ import numpy as np
 from rcmqp.dualquaternion import Array
 from rcmqp.run import Run
 
+SATURATED = 1.0 - 1e-6
+"""Share of a limit from which on a joint counts as saturated."""
+
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
@@ -22,7 +25,12 @@ class Metrics:
     Attributes:
         depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
         tilt_max_mrad: largest angle of the shaft from the trocar's axis.
-        speed_ratio_max: largest joint speed over its limit; above 1, a limit is broken.
+        speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
+        acceleration_ratio_max: largest change of a commanded joint speed from one cycle to the
+            next, from rest at first, over the period and the limit; likewise. 0 on arms without
+            acceleration limits.
+        saturated_share: of the cycles, those in which a joint is commanded at its limit of speed
+            or of acceleration, or above.
         limit_margin_min_rad: least distance of a joint from a position limit; negative outside.
         singular_value_min: least singular value of the effector's geometric Jacobian [m, rad].
         tip_speed_rms_mm_s: of the desired tip; the law's lag is this over K.
@@ -44,6 +52,8 @@ class Metrics:
     depth_max_mm: float
     tilt_max_mrad: float
     speed_ratio_max: float
+    acceleration_ratio_max: float
+    saturated_share: float
     limit_margin_min_rad: float
     singular_value_min: float
     tip_speed_rms_mm_s: float
@@ -55,6 +65,9 @@ def compute_metrics(run: Run) -> Metrics:
     """Sum up a run."""
     tip, effector, rcm = 1e3 * run.tip_error, 1e3 * run.effector_error, 1e3 * run.rcm_error
     margin = np.minimum(run.angles - run.lower, run.upper - run.angles)
+    speed_ratio = np.abs(run.v / run.velocity_limit).max(axis=-1)
+    acceleration = np.abs(np.diff(run.v, axis=0, prepend=0.0)) / run.period
+    acceleration_ratio = (acceleration / run.acceleration_limit).max(axis=-1)
     tip_velocity = np.diff(run.tip_d, axis=0) / run.period
     values = {
         **_summary("tip", "mm", tip),
@@ -64,7 +77,9 @@ def compute_metrics(run: Run) -> Metrics:
         "depth_min_mm": 1e3 * run.depth.min(),
         "depth_max_mm": 1e3 * run.depth.max(),
         "tilt_max_mrad": 1e3 * run.tilt.max(),
-        "speed_ratio_max": np.abs(run.v / run.velocity_limit).max(),
+        "speed_ratio_max": speed_ratio.max(),
+        "acceleration_ratio_max": acceleration_ratio.max(),
+        "saturated_share": np.mean(np.maximum(speed_ratio, acceleration_ratio) >= SATURATED),
         "limit_margin_min_rad": margin.min(),
         "singular_value_min": run.singular_value.min(),
         "tip_speed_rms_mm_s": 1e3 * _rms(np.linalg.norm(tip_velocity, axis=-1)),

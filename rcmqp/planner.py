@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.reference import Reference
+from rcmqp.reference import Reference, carried, pose_rate
 
 FAR_ANGLE = 0.01
 """A reference that turns further than this from the last one is planned [rad]."""
@@ -83,6 +83,9 @@ class Planner:
     into the reference. While a target moves a little each cycle, what remains is divided anew;
     a target that stands still is reached in equal parts, after N + 1 cycles; one that jumps is
     approached in N + 1 parts from where the reference is.
+
+    All of it is planned as seen from the trocar, in axes parallel to the world's: a trocar that
+    moves carries the plan along, and however far it goes, that alone makes no reference far.
     """
 
     def __init__(self, x_rcm: ArrayLike, points: int, period: float) -> None:
@@ -90,6 +93,7 @@ class Planner:
         _check_points(points)
         self.points, self.period = int(points), period
         self.x_rcm = dq.check_unit(x_rcm, "x_rcm")
+        self._pivot = dq.translation(self.x_rcm)
         self.reset()
 
     def reset(self) -> None:
@@ -101,15 +105,17 @@ class Planner:
 
         Its derivative is the velocity of the part that follows: zero at the last one.
         """
+        offset = reference.pivot - self._pivot
+        target = carried(reference.x_d, -offset)
         r_l, t_l = constrain(self.x_rcm, self._x)
-        r_d, t_d = constrain(self.x_rcm, dq.align_sign(reference.x_d, self._x))
+        r_d, t_d = constrain(self.x_rcm, dq.align_sign(target, self._x))
         log_turn, dive = _log_turn(r_l, r_d), t_d - t_l
-        if self._left == 0 and not self._far(self._x, reference.x_d):
-            self._x = self._target = reference.x_d
+        if self._left == 0 and not self._far(self._x, target):
+            self._x = self._target = target
             return reference
-        if self._left == 0 or self._far(self._target, reference.x_d):
+        if self._left == 0 or self._far(self._target, target):
             self._left = self.points + 1
-        self._target = reference.x_d
+        self._target = target
         r = dq.quaternion_mul(r_l, dq.quaternion_exp(log_turn / self._left))
         t = t_l + dive / self._left
         onwards = 1.0 / (self._left * self.period) if self._left > 1 else 0.0
@@ -117,10 +123,15 @@ class Planner:
         nu = [omega[1] * t, -omega[0] * t, dive * onwards]
         self._x = _constrained_pose(self.x_rcm, r, np.array(t))
         self._left -= 1
-        return Reference(self._x, 0.5 * dq.mul(self._x, np.array([0.0, *omega, 0.0, *nu])))
+        x_d = carried(self._x, offset)
+        x_d_dot = pose_rate(x_d, omega, nu, reference.pivot_dot)
+        return Reference(x_d, x_d_dot, reference.pivot, reference.pivot_dot)
 
     def _far(self, x: Array, x_d: Array) -> bool:
-        """Whether x_d (8,) is further from x (8,) than may be asked for in one cycle."""
+        """Whether x_d (8,) is further from x (8,) than may be asked for in one cycle.
+
+        Both as seen from the trocar at rest.
+        """
         dive = constrain(self.x_rcm, x_d)[1] - constrain(self.x_rcm, x)[1]
         return float(dq.angle_between(x, x_d)) > FAR_ANGLE or abs(dive) > FAR_DEPTH
 

@@ -48,18 +48,31 @@ class ViewCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The desired effector pose and its derivative.
+    """The desired effector pose, the trocar, and how both move.
+
+    What the controller is told, made once a cycle and not checked here: a trocar that jumps by
+    10 cm makes a reference that jumps along with it, and one that was not seen, NaN, makes one
+    that is NaN. What to do then is the controller's to say.
 
     Attributes:
         x_d: (8,) unit dual quaternion.
-        x_d_dot: (8,) its time derivative [1/s].
+        x_d_dot: (8,) its time derivative [1/s], as far as pivot_dot is known.
+        pivot: (3,) the trocar in the world [m].
+        pivot_dot: (3,) its velocity [m/s], as far as it is known.
     """
 
     x_d: Array
     x_d_dot: Array
+    pivot: Array
+    pivot_dot: Array
 
 
-def view_pose(x_rcm: ArrayLike, command: ViewCommand) -> Reference:
+STILL: Array = np.zeros(3)
+"""(3,): the velocity of a trocar at rest [m/s]."""
+STILL.setflags(write=False)
+
+
+def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STILL) -> Reference:
     """The effector pose of a view, equation (5), and its derivative.
 
         x_d = x_d(0) r_alpha r_beta r_gamma (1 + eps t_z / 2)
@@ -72,8 +85,9 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand) -> Reference:
     here r_alpha r_beta r_gamma = r_y r_x r_z.
 
     Args:
-        x_rcm: (8,) x_d(0), the effector's pose at the start.
+        x_rcm: (8,) x_d(0), the effector's pose at the start, moved along with the trocar.
         command: the view and its rates.
+        pivot_dot: (3,) velocity of the trocar [m/s]; the reference moves with it.
     """
     sa, ca = math.sin(command.alpha / 2), math.cos(command.alpha / 2)
     sb, cb = math.sin(command.beta / 2), math.cos(command.beta / 2)
@@ -95,8 +109,31 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand) -> Reference:
         command.gamma_dot - s * command.alpha_dot,
     )
     nu = (omega[1] * command.t_z, -omega[0] * command.t_z, command.t_z_dot)
-    x_d_dot = 0.5 * dq.mul(x_d, np.array([0.0, *omega, 0.0, *nu]))
-    return Reference(x_d, x_d_dot)
+    pivot_dot = np.asarray(pivot_dot, dtype=float)
+    return Reference(x_d, pose_rate(x_d, omega, nu, pivot_dot), dq.translation(x_rcm), pivot_dot)
+
+
+def pose_rate(x: Array, omega: ArrayLike, nu: ArrayLike, drift: Array) -> Array:
+    """Time derivative (8,) of a pose x (8,) that turns, moves and is carried along.
+
+    Args:
+        x: (8,) the pose.
+        omega: (3,) angular velocity in its own axes [rad/s].
+        nu: (3,) linear velocity in its own axes [m/s].
+        drift: (3,) velocity in the world's axes [m/s] that comes on top.
+    """
+    x_dot = 0.5 * dq.mul(x, np.array([0.0, *np.asarray(omega), 0.0, *np.asarray(nu)]))
+    x_dot[4:] += 0.5 * dq.quaternion_mul([0.0, *drift], dq.P(x))
+    return x_dot
+
+
+def carried(x: Array, offset: Array) -> Array:
+    """The pose x (8,) moved by ``offset`` (3,) [m] in the world's axes; x itself for zero."""
+    if not offset.any():
+        return x
+    moved = x.copy()
+    moved[4:] += 0.5 * dq.quaternion_mul([0.0, *offset], dq.P(x))
+    return moved
 
 
 def view_of_tip(p: ArrayLike, p_dot: ArrayLike, tip_depth: float) -> ViewCommand:

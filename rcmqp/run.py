@@ -20,7 +20,7 @@ from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
 
 FORMAT = "rcmqp run"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 CHECKED = {"fletcher32": True}  # each dataset carries checksums, verified on reading
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -47,10 +47,17 @@ class Run:
     )
     upper: Array = _channel("rad", "(nv,) upper position limits; inf for continuous joints")
     velocity_limit: Array = _channel("rad/s", "(nv,) joint speed limits")
+    acceleration_limit: Array = _channel(
+        "rad/s^2", "(nv,) joint acceleration limits; inf where none is known"
+    )
     time: Array = _channel("s", "(n,) sampling instants")
     q: Array = _channel("rad", "(n, nq) Pinocchio's configuration")
+    q_measured: Array = _channel("rad", "(n, nq) the configuration that the controller saw")
     angles: Array = _channel("rad", "(n, nv) joint angles; m if prismatic")
-    v: Array = _channel("rad/s", "(n, nv) joint velocity, held until the next instant")
+    v: Array = _channel("rad/s", "(n, nv) joint velocity commanded, until the next instant")
+    v_actual: Array = _channel("rad/s", "(n, nv) joint velocity at the instant")
+    v_measured: Array = _channel("rad/s", "(n, nv) the joint velocity that the controller saw")
+    pivot: Array = _channel("m", "(n, 3) trocar in the world")
     x: Array = _channel(
         "1, m",
         "(n, 8) effector pose in the world, a unit dual quaternion r + "

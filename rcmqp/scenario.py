@@ -5,21 +5,34 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import importlib.util
+import inspect
 import json
 import math
 import pkgutil
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.errors import InsertionError, OptionError, RcmqpError, UnknownName
 from rcmqp.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.instrument import Camera, Instrument, Trocar
 from rcmqp.loading import arm_names, load_arm
+from rcmqp.motions import MOTIONS, Motion, Still
 from rcmqp.paths import PATHS, Path
 from rcmqp.planner import Planner
+from rcmqp.plants import PLANTS, Kinematic, Plant
+from rcmqp.reference import Reference, ViewCommand, carried, view_pose
+from rcmqp.scene import Sphere
+
+DEFAULT_ARM = "lwa3"
+
+PIVOT_VELOCITIES = ("measured", "estimated", "unknown")
 
 MOST_CYCLES = 10_000_000
 """Sampling instants that a run may have; each takes about a kilobyte."""
@@ -45,6 +58,12 @@ class Scenario:
             parts of one period each; None sends every view to the controller as it is.
         shaft_tolerance: how far off the shaft the trocar may be found at the start [m].
         seed: of what is random in the scenario.
+        motion: of the trocar, counted from ``trocar.pivot``; the views go along with it.
+        pivot_velocity: what the controller is told of the trocar's velocity, whose position it
+            always knows: ``measured``, the velocity itself; ``estimated``, the way since the
+            last cycle over the period; ``unknown``, zero.
+        obstacles: what the instrument is to keep out of.
+        plant: what the joint velocity drives.
     """
 
     name: str
@@ -59,6 +78,10 @@ class Scenario:
     planner_time: float | None = None
     shaft_tolerance: float = SHAFT_TOLERANCE
     seed: int = 0
+    motion: Motion = field(default_factory=Still)
+    pivot_velocity: str = "measured"
+    obstacles: tuple[Sphere, ...] = ()
+    plant: Plant = field(default_factory=Kinematic)
 
     def __post_init__(self) -> None:
         """Make plain numbers of what was given, and check it."""
@@ -78,8 +101,14 @@ class Scenario:
             )
         if not isinstance(self.name, str) or not isinstance(self.arm, str):
             raise OptionError(f"name = {self.name!r}, arm = {self.arm!r}, they must be text")
-        if not isinstance(self.seed, int):
-            raise OptionError(f"seed = {self.seed!r}, it must be a whole number")
+        if not (isinstance(self.seed, int) and self.seed >= 0):
+            raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
+        if self.pivot_velocity not in PIVOT_VELOCITIES:
+            raise UnknownName("pivot_velocity", str(self.pivot_velocity), PIVOT_VELOCITIES)
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        for obstacle in self.obstacles:
+            if not isinstance(obstacle, Sphere):
+                raise OptionError(f"obstacles: {obstacle!r} is no Sphere")
         if self.cycles > MOST_CYCLES:
             raise OptionError(
                 f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
@@ -97,6 +126,33 @@ class Scenario:
                 f"{self.period} s or more"
             )
 
+    @classmethod
+    def on_shaft(
+        cls,
+        name: str,
+        arm: str,
+        path: Path,
+        *,
+        flange: str | None = None,
+        angles_start: ArrayLike | None = None,
+        depth: float = 0.1,
+        **fields: Any,
+    ) -> Self:
+        """A scenario with the trocar where the shaft is, ``depth`` [m] before the tip.
+
+        Args:
+            name: what it is called.
+            arm: a name that load_arm() knows, or the path of a URDF.
+            path: the views asked for; they are simulated to their end.
+            flange: with a URDF, the frame that carries the instrument.
+            angles_start: (nv,) joint angles at the start [rad]; the arm's home without them.
+            depth: how far the tip is inside at the start [m].
+            fields: of the scenario, other than their defaults.
+        """
+        loaded = load_arm(arm, flange)
+        insertion = Insertion.on_shaft(loaded, Instrument(), angles_start, depth=depth)
+        return cls.of(name, insertion, path, **fields)
+
     def __str__(self) -> str:
         """The name, and the arm."""
         return f"{self.name} on {self.arm}"
@@ -107,7 +163,7 @@ class Scenario:
         return round(self.duration / self.period) + 1
 
     @classmethod
-    def of(cls, name: str, insertion: Insertion, path: Path, **fields: Any) -> Scenario:
+    def of(cls, name: str, insertion: Insertion, path: Path, **fields: Any) -> Self:
         """The scenario of a path on an insertion that is at hand, for the path's duration.
 
         Args:
@@ -135,7 +191,12 @@ class Scenario:
         """
         arm = load_arm(self.arm, self.flange)
         return Insertion(
-            arm, self.instrument, self.trocar, self.angles_start, tolerance=self.shaft_tolerance
+            arm,
+            self.instrument,
+            self.trocar,
+            self.angles_start,
+            tolerance=self.shaft_tolerance,
+            obstacles=self.obstacles,
         )
 
     def planner(self, x_rcm: Array) -> Planner | None:
@@ -144,43 +205,91 @@ class Scenario:
             return None
         return Planner(x_rcm, round(self.planner_time / self.period) - 1, self.period)
 
+    def pivots(self) -> Array:
+        """Where the trocar is (cycles, 3) at the sampling instants, in the world [m]."""
+        offsets = [self.motion.position(k * self.period) for k in range(self.cycles)]
+        return np.array(self.trocar.pivot) + np.array(offsets)
+
+    def references(self, insertion: Insertion) -> Iterator[Reference]:
+        """What the controller is told, one sampling instant after the other.
+
+        The view asked for, carried along by the trocar, through the path planner; and of the
+        trocar's velocity what ``pivot_velocity`` says.
+
+        Raises:
+            InsertionError: a view is deeper than the shaft is long.
+        """
+        planner, T = self.planner(insertion.x_rcm), self.period
+        before = self.motion.position(0.0)
+        for k in range(self.cycles):
+            offset, pivot_dot = self.motion.position(k * T), np.zeros(3)
+            if self.pivot_velocity == "measured":
+                pivot_dot = self.motion.velocity(k * T)
+            elif self.pivot_velocity == "estimated":
+                pivot_dot = (offset - before) / T
+            before = offset
+            command = self.path.command(k * T, insertion.tip_depth)
+            _check_reach(insertion, command, k * T)
+            reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
+            yield reference if planner is None else planner.step(reference)
+
     def to_json(self) -> str:
         """The scenario as JSON; from_json() makes an equal one of it."""
-        kinds = {cls: kind for kind, cls in PATHS.items()}
         data = dataclasses.asdict(self)
-        data["path"] = {"kind": kinds[type(self.path)], **data["path"]}
+        for name, kinds in _KINDS.items():
+            kind = {cls: kind for kind, cls in kinds.items()}[type(getattr(self, name))]
+            data[name] = {"kind": kind, **data[name]}
         return json.dumps(data, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:
         """Make a scenario of what to_json() wrote.
 
+        Fields that have a default may be missing, as they are in files of earlier versions.
+
         Raises:
             OptionError: the text is no scenario; the message says what is wrong with it.
-            UnknownName: its path is of an unknown kind.
+            UnknownName: its path, motion or plant is of an unknown kind.
         """
         try:
             data = json.loads(text, parse_constant=_refuse)
-            path = dict(data["path"])
-            kind = path.pop("kind")
-            if kind not in PATHS:
-                raise UnknownName("path", kind, PATHS)
+            data["path"] = _of_kind("path", data["path"])
+            for name in _KINDS.keys() & data.keys() - {"path"}:
+                data[name] = _of_kind(name, data[name])
             instrument = dict(data["instrument"])
             instrument["camera"] = Camera(**instrument["camera"])
-            return cls(
-                **{
-                    **data,
-                    "instrument": Instrument(**instrument),
-                    "trocar": Trocar(**data["trocar"]),
-                    "path": PATHS[kind](**path),
-                }
-            )
+            data["instrument"] = Instrument(**instrument)
+            data["trocar"] = Trocar(**data["trocar"])
+            data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
+            return cls(**data)
         except RcmqpError:
             raise
         except (ValueError, TypeError, KeyError) as error:
             raise OptionError(
                 f"this is not a scenario: {type(error).__name__}: {error}"
             ) from error
+
+
+_KINDS: dict[str, Mapping[str, type]] = {"path": PATHS, "motion": MOTIONS, "plant": PLANTS}
+"""Fields of a scenario that are one of several kinds, and those kinds."""
+
+
+def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
+    """A path, motion or plant out of its own numbers and its ``kind``."""
+    options = dict(data)
+    kind = options.pop("kind")
+    if kind not in _KINDS[name]:
+        raise UnknownName(name, kind, _KINDS[name])
+    return _KINDS[name][kind](**options)
+
+
+def _check_reach(insertion: Insertion, command: ViewCommand, t: float) -> None:
+    depth, length = insertion.tip_depth + command.t_z, insertion.instrument.length
+    if depth > length:
+        raise InsertionError(
+            f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the shaft "
+            f"is only {1e3 * length:.1f} mm long; make the path shallower or the shaft longer"
+        )
 
 
 def _refuse(constant: str) -> float:
@@ -218,8 +327,8 @@ def load_scenario(
     else:
         if arm is not None and arm not in arm_names() and FilePath(arm).is_file():
             arm = str(FilePath(arm).resolve())
-        module, chosen = scenario_module(name), {} if arm is None else {"arm": arm}
-        scenario = module.scenario(**chosen, flange=flange)
+        module = scenario_module(name)
+        scenario = module.scenario(arm or default_arm(module), flange=flange)
         if not isinstance(scenario, Scenario):
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
@@ -256,6 +365,12 @@ def scenario_module(name: str) -> ModuleType:
     if not hasattr(module, "scenario"):
         raise OptionError(f"{name} has no function scenario(arm, *, flange=None)")
     return module
+
+
+def default_arm(module: ModuleType) -> str:
+    """The arm of a scenario's module where none is asked for: what its function defaults to."""
+    default = inspect.signature(module.scenario).parameters["arm"].default
+    return DEFAULT_ARM if default is inspect.Parameter.empty else str(default)
 
 
 def _read(file: FilePath) -> Scenario:

@@ -12,9 +12,8 @@ import numpy as np
 from rcmqp import dualquaternion as dq
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import InsertionError, InvalidCommand, OptionError
-from rcmqp.insertion import Insertion, insertion_depth, rcm_error, tilt
-from rcmqp.reference import ViewCommand, view_pose
+from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.insertion import insertion_depth, rcm_error, tilt
 from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 
@@ -26,7 +25,10 @@ def simulate(
     controller: Controller,
     progress: Callable[[int], None] | None = None,
 ) -> Run:
-    """Run a controller on an ideal kinematic arm: each joint does at once what it is told.
+    """Run a controller on the scenario's plant, its trocar moving as the scenario says.
+
+    The controller sees what the plant measures; the record has the truth beside it, and every
+    error in it is the true one.
 
     Args:
         scenario: what to do.
@@ -39,28 +41,29 @@ def simulate(
     """
     insertion, T, n = controller.insertion, scenario.period, scenario.cycles
     _check_made_for(scenario, controller)
-    arm, planner = insertion.arm, scenario.planner(insertion.x_rcm)
-    q, x, x_d = np.empty((n, arm.nq)), np.empty((n, 8)), np.empty((n, 8))
-    angles, v, J = np.empty((n, arm.nv)), np.empty((n, arm.nv)), np.empty((n, 6, arm.nv))
-    solve_time = np.empty(n)
+    arm = insertion.arm
+    q, q_measured = np.empty((2, n, arm.nq))
+    angles, v, v_actual, v_measured = np.empty((4, n, arm.nv))
+    x, x_d = np.empty((2, n, 8))
+    J, solve_time = np.empty((n, 6, arm.nv)), np.empty(n)
     diagnostics: dict[str, Array] = {}
 
     controller.reset()
-    q_k = insertion.q_start
-    for k in range(n):
-        command = scenario.path.command(k * T, insertion.tip_depth)
-        _check_reach(insertion, command, k * T)
-        reference = view_pose(insertion.x_rcm, command)
-        if planner is not None:
-            reference = planner.step(reference)
-        state = arm.state(q_k)
+    drive = scenario.plant.start(arm, insertion.q_start, T, scenario.seed)
+    for k, reference in enumerate(scenario.references(insertion)):
+        q_seen, v_seen = drive.measure()
+        state = seen = arm.state(q_seen, v_seen)
+        if q_seen is not drive.q:
+            state = arm.state(drive.q, drive.v)
+        v_actual[k] = drive.v
         start = time.perf_counter()
-        answer = controller.step(state, reference)
+        answer = controller.step(seen, reference)
         solve_time[k] = time.perf_counter() - start
         _check_answer(answer, controller.name, arm.nv, k * T)
-        q_k = arm.integrate(q_k, answer.v, T)
+        drive.step(answer.v)
 
         q[k], x[k], x_d[k], v[k] = state.q, state.x, reference.x_d, answer.v
+        q_measured[k], v_measured[k] = seen.q, seen.v
         angles[k], J[k] = state.angles, state.J_local
         for name, value in answer.diagnostics.items():
             if name not in diagnostics:
@@ -69,7 +72,7 @@ def simulate(
         if progress is not None and (k % 100 == 99 or k == n - 1):
             progress(k % 100 + 1)
 
-    pivot = np.array(scenario.trocar.pivot)
+    pivot = scenario.pivots()
     x = _continuous(x)
     x_d = dq.align_sign(x_d, x)
     tip, tip_d = insertion.tip(x), insertion.tip(x_d)
@@ -82,10 +85,15 @@ def simulate(
         lower=arm.lower,
         upper=arm.upper,
         velocity_limit=arm.velocity,
+        acceleration_limit=arm.acceleration,
         time=T * np.arange(n, dtype=float),
         q=q,
+        q_measured=q_measured,
         angles=angles,
         v=v,
+        v_actual=v_actual,
+        v_measured=v_measured,
+        pivot=pivot,
         x=x,
         x_d=x_d,
         tip=tip,
@@ -117,15 +125,6 @@ def _continuous(x: Array) -> Array:
     return signs[:, None] * x
 
 
-def _check_reach(insertion: Insertion, command: ViewCommand, t: float) -> None:
-    depth, length = insertion.tip_depth + command.t_z, insertion.instrument.length
-    if depth > length:
-        raise InsertionError(
-            f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the shaft "
-            f"is only {1e3 * length:.1f} mm long; make the path shallower or the shaft longer"
-        )
-
-
 def _check_answer(answer: Command, name: str, nv: int, t: float) -> None:
     v = np.asarray(getattr(answer, "v", None))
     if v.shape != (nv,) or v.dtype.kind != "f" or not np.isfinite(v).all():
@@ -147,6 +146,7 @@ def _check_made_for(scenario: Scenario, controller: Controller) -> None:
         and scenario.flange in (None, insertion.arm.flange)
         and insertion.trocar == scenario.trocar
         and insertion.instrument == scenario.instrument
+        and insertion.obstacles == scenario.obstacles
         and np.array_equal(insertion.q_start, insertion.arm.configuration(scenario.angles_start))
     )
     if not same:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from rcmqp import Instrument, Scenario, load_arm
-from rcmqp.insertion import Insertion
+from rcmqp import Scenario
 from rcmqp.paths import ViewSteps
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
     """Views 8 degrees and up to 3 cm apart; the planner takes 1.5 s from one to the next."""
-    insertion = Insertion.on_shaft(load_arm(arm, flange), Instrument(), depth=0.10)
     turn = math.radians(8.0)
     path = ViewSteps(
         views=(
@@ -22,7 +20,7 @@ def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
         ),
         dwell=2.5,
     )
-    return Scenario.of("view_steps", insertion, path, planner_time=1.5)
+    return Scenario.on_shaft("view_steps", arm, path, flange=flange, planner_time=1.5)
 
 
 if __name__ == "__main__":

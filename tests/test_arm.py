@@ -364,3 +364,26 @@ def test_arm_without_a_home_starts_in_the_middle_and_cannot_be_written(arm: Arm)
     for array in (plain.home, plain.middle, plain.lower, plain.upper, plain.velocity):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+# The joint velocity ------------------------------------------------------------------------
+
+
+def test_a_state_carries_the_joint_velocity_that_was_measured(arm: Arm) -> None:
+    q = arm.configuration(arm.home)
+    assert not arm.state(q).v.any()
+    v = np.linspace(-1.0, 1.0, arm.nv)
+    state = arm.state(q, v)
+    v[:] = np.nan
+    assert np.array_equal(state.v, np.linspace(-1.0, 1.0, arm.nv))
+    with pytest.raises(ValueError, match="read-only"):
+        state.v[0] = 0.0
+    assert np.array_equal(state.x, arm.state(q).x)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_joint_velocity_that_is_no_number_is_refused(lwa3: Arm, bad: float) -> None:
+    with pytest.raises(InvalidCommand, match="joint velocity v is not finite"):
+        lwa3.state(lwa3.home, [0.0, bad, *np.zeros(5)])
+    with pytest.raises(InvalidCommand, match=r"joint velocity v has shape \(6,\)"):
+        lwa3.state(lwa3.home, np.zeros(6))

@@ -12,6 +12,7 @@ from rcmqp import dualquaternion as dq
 from rcmqp.errors import InsertionError, InvalidCommand, JointLimitViolated, TrocarOffShaft
 from rcmqp.insertion import insertion_depth, rcm_error
 from rcmqp.instrument import vector3
+from rcmqp.scene import Sphere
 
 INSTRUMENT = Instrument(length=0.33, mount_offset=0.05)
 
@@ -147,6 +148,21 @@ def test_the_start_must_be_inside_the_joint_limits(lwa3: Arm) -> None:
         Insertion.on_shaft(lwa3, INSTRUMENT, angles)
     with pytest.raises(InvalidCommand, match=r"joint angles has shape \(6,\)"):
         Insertion.on_shaft(lwa3, INSTRUMENT, [0.0] * 6)
+
+
+def test_a_vector_from_the_start_is_turned_as_the_shaft_is(arm: Arm) -> None:
+    insertion = Insertion.on_shaft(arm, INSTRUMENT)
+    R = flange_at_home(arm).rotation
+    for vector in ((1.0, 0.0, 0.0), (0.0, -2.0, 0.0), (0.1, 0.2, 0.3)):
+        assert_allclose(insertion.from_start(vector), R @ vector, rtol=0, atol=1e-14)
+    assert_allclose(insertion.from_start((0.0, 0.0, 1.0)), insertion.trocar.axis, atol=1e-15)
+
+
+def test_obstacles_are_kept_as_they_are_given(lwa3: Arm) -> None:
+    trocar, sphere = trocar_at(flange_at_home(lwa3), (0.0, 0.0, 0.3)), Sphere((0, 0, 0), 0.1)
+    assert Insertion(lwa3, INSTRUMENT, trocar, lwa3.home).obstacles == ()
+    found = Insertion(lwa3, INSTRUMENT, trocar, lwa3.home, obstacles=[sphere])
+    assert found.obstacles == (sphere,)
 
 
 def test_a_shaft_outside_the_cone_at_the_start_is_refused(lwa3: Arm) -> None:

@@ -66,6 +66,7 @@ def test_values_are_frozen_and_hashable(data: Camera | Instrument | Trocar) -> N
         (lambda: Trocar(PIVOT, DOWN, cone_half_angle=0.0), "cone_half_angle = 0.0"),
         (lambda: Trocar(PIVOT, DOWN, depth_range=(0.2, 0.2)), "the first must be the smaller"),
         (lambda: Trocar(PIVOT, DOWN, depth_range=(0.0, np.nan)), "the first must be the smaller"),
+        (lambda: Trocar(PIVOT, DOWN, depth_range=(0.0, np.inf)), "both finite"),
     ],
 )
 def test_sizes_that_make_no_sense_are_refused(make: Callable[[], object], message: str) -> None:

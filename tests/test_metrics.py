@@ -27,10 +27,15 @@ def small() -> Run:
         lower=np.array([-1.0, -np.inf]),
         upper=np.array([2.0, np.inf]),
         velocity_limit=np.array([0.5, 4.0]),
+        acceleration_limit=np.array([2.0, np.inf]),
         time=np.array([0.0, 0.5, 1.0, 1.5]),
         q=np.zeros((4, 3)),
+        q_measured=np.zeros((4, 3)),
         angles=np.array([[0.0, 9.0], [1.0, -9.0], [1.75, 0.0], [-0.5, 0.0]]),
         v=np.array([[0.1, 1.0], [-0.4, 1.0], [0.1, -3.0], [0.0, 0.0]]),
+        v_actual=np.full((4, 2), 9.0),
+        v_measured=np.full((4, 2), 9.0),
+        pivot=np.zeros((4, 3)),
         x=np.zeros((4, 8)),
         x_d=np.zeros((4, 8)),
         tip=np.zeros((4, 3)),
@@ -67,6 +72,8 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         depth_max_mm=120.0,
         tilt_max_mrad=300.0,
         speed_ratio_max=0.8,  # joint one at -0.4 of 0.5, before joint two at -3 of 4
+        acceleration_ratio_max=0.5,  # joint one by 0.5 in 0.5 s, of 2; joint two has no limit
+        saturated_share=0.0,
         limit_margin_min_rad=0.25,  # joint one at 1.75 of 2
         singular_value_min=0.1,
         tip_speed_rms_mm_s=10.0 / math.sqrt(3.0),  # sqrt((36 + 64 + 0) / 3)
@@ -92,6 +99,27 @@ def test_a_joint_over_its_speed_limit_has_a_ratio_above_1(small: Run) -> None:
     v = small.v.copy()
     v[3, 1] = -5.0
     assert_allclose(compute_metrics(dataclasses.replace(small, v=v)).speed_ratio_max, 1.25)
+
+
+def test_the_first_velocity_is_reached_from_rest(small: Run) -> None:
+    v = np.full((4, 2), -0.45)
+    found = compute_metrics(dataclasses.replace(small, v=v))
+    assert_allclose(found.acceleration_ratio_max, 0.45 / 0.5 / 2.0)
+
+
+def test_a_cycle_is_saturated_with_a_joint_at_its_limit_of_speed_or_acceleration(
+    small: Run,
+) -> None:
+    slow = np.full(2, 10.0)  # acceleration limits that nothing here comes near
+    for v, limit, share in (
+        ([[0.1, 0], [0.5, 0], [-0.5, 4], [0, 0]], slow, 0.5),  # at the speed limit of a joint
+        ([[0.1, 0], [0.7, 0], [0.4, 9], [0, -4.1]], slow, 0.75),  # above it
+        ([[0.5 * (1 - 1e-9), 0], [0, 0], [0, 0], [0, 0]], slow, 0.25),
+        ([[0.5 * (1 - 1e-4), 0], [0, 0], [0, 0], [0, 0]], slow, 0.0),
+        ([[0.1, 0], [0.2, 0], [0.2, 0], [0.05, 0]], np.array([0.2, np.inf]), 0.75),
+    ):
+        run = dataclasses.replace(small, v=np.array(v, dtype=float), acceleration_limit=limit)
+        assert compute_metrics(run).saturated_share == share
 
 
 def test_an_arm_without_position_limits_has_an_infinite_margin(small: Run) -> None:

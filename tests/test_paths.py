@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +14,16 @@ from rcmqp import ViewCommand, view_pose
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.paths import PATHS, ConicalHelix, Path, ViewSteps
+from rcmqp.paths import PATHS, Circle, ConicalHelix, Lissajous, Path, ViewMoves, ViewSteps
 
 TIP_DEPTH = 0.1
 STEPS = ViewSteps(views=((0.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.3, 0.04)), dwell=0.5)
+MOVES = ViewMoves(views=((0.1, -0.2, 0.3, 0.04), (-0.1, 0.0, 0.0, 0.0)), move=0.8, dwell=0.4)
 SAMPLES: dict[str, Path] = {  # one of each path that is registered
+    "circle": Circle(duration=3.0, ramp=0.9, turns=1.3),
     "conical_helix": ConicalHelix(duration=4.0, ramp=0.7),
+    "lissajous": Lissajous(size=(0.03, -0.02, 0.01), duration=4.0, ramp=1.1),
+    "view_moves": MOVES,
     "view_steps": STEPS,
 }
 EVERY_PATH = pytest.mark.parametrize("name", sorted(PATHS))
@@ -159,6 +164,128 @@ def test_a_helix_has_finite_radii_not_below_zero(field: str, bad: float) -> None
 def test_a_helix_has_sizes_that_make_sense(options: dict[str, float], message: str) -> None:
     with pytest.raises(OptionError, match=message):
         ConicalHelix(**options)
+
+
+# The circle and the figure of eight ---------------------------------------------------------
+
+
+def shares(path: Circle | Lissajous, ramp: float) -> list[tuple[float, float]]:
+    """Times, and how far a path of this ramp has come then: by symmetry and constant speed."""
+    D = path.duration
+    assert path.ramp == ramp
+    cruise = 1.0 / (D - ramp)
+    return [(0.0, 0.0), (ramp, cruise * ramp / 2), (D / 2, 0.5), (0.6 * D, 0.5 + 0.1 * D * cruise)]
+
+
+def tip_in_start_axes(path: Path, t: float) -> Array:
+    view = dq.to_se3(view_pose(dq.IDENTITY, path.command(t, TIP_DEPTH)).x_d)
+    return np.array(view.act(np.array([0.0, 0.0, TIP_DEPTH])))
+
+
+@pytest.mark.parametrize("circle", [Circle(), Circle(-0.03, turns=2.5, duration=5.0, ramp=0.5)])
+def test_the_tip_draws_the_circle_in_its_closed_form(circle: Circle) -> None:
+    r, n = circle.radius, circle.turns
+    for t, s in shares(circle, circle.ramp):
+        turn = 2 * math.pi * n * s
+        expected = [r * math.cos(turn) - r, r * math.sin(turn), TIP_DEPTH]
+        assert_allclose(tip_in_start_axes(circle, t), expected, rtol=0, atol=1e-14)
+
+
+def test_the_tip_draws_the_figure_in_its_closed_form() -> None:
+    path = Lissajous(size=(0.03, 0.02, 0.01), turns=2.0, duration=6.0, ramp=0.5)
+    for t, s in shares(path, path.ramp):
+        u = 4 * math.pi * s
+        z = TIP_DEPTH + 0.01 * (math.cos(2 * u) - 1)
+        expected = [0.03 * math.sin(u), -0.02 * math.sin(2 * u), z]
+        assert_allclose(tip_in_start_axes(path, t), expected, rtol=0, atol=1e-14)
+
+
+def test_circle_and_figure_close() -> None:
+    for path in (Circle(), Lissajous(turns=3.0)):
+        end = tip_in_start_axes(path, path.duration)
+        assert_allclose(end, [0.0, 0.0, TIP_DEPTH], rtol=0, atol=1e-15)
+
+
+def test_a_figure_that_would_come_out_of_the_trocar_is_refused() -> None:
+    with pytest.raises(OptionError, match=r"10\.0 mm inside; a figure that comes out by 20\.0 mm"):
+        Lissajous(size=(0.01, 0.01, 0.01)).command(0.0, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"radius": math.nan}, "radius = nan"),
+        ({"turns": math.inf}, "turns = inf"),
+        ({"ramp": 5.0}, "at most half of the duration"),
+        ({"duration": math.nan}, "duration = nan"),
+    ],
+)
+def test_a_circle_has_sizes_that_make_sense(options: dict[str, float], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        Circle(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"size": (0.0, math.nan, 0.0)}, "size = .* three finite"),
+        ({"size": (0.0, 0.0)}, "size = .* three finite"),
+        ({"turns": math.nan}, "turns = nan"),
+        ({"ramp": 0.0}, "the ramp must be positive"),
+    ],
+)
+def test_a_figure_has_sizes_that_make_sense(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        Lissajous(**options)
+
+
+# The moves ---------------------------------------------------------------------------------
+
+
+def test_moves_reach_each_view_and_hold_it() -> None:
+    assert MOVES.duration == pytest.approx(2 * (0.8 + 0.4))
+    for t, view in ((0.8, 0), (1.0, 0), (1.1999, 0), (2.0, 1), (2.4, 1)):
+        assert_allclose(
+            values(MOVES.command(t, TIP_DEPTH)), [*MOVES.views[view], 0, 0, 0, 0], atol=1e-15
+        )
+
+
+def test_a_move_is_half_way_at_half_of_its_time() -> None:
+    for t, expected in ((0.4, [0.05, -0.1, 0.15, 0.02]), (1.6, [0.0, -0.1, 0.15, 0.02])):
+        assert_allclose(values(MOVES.command(t, TIP_DEPTH))[:4], expected, atol=1e-15)
+
+
+def test_a_move_starts_and_stops_without_a_jolt() -> None:
+    for corner in (0.0, 0.8, 1.2, 2.0):
+
+        def rates(t: float, corner: float = corner) -> Array:
+            return values(MOVES.command(corner + t, TIP_DEPTH))[4:]
+
+        assert_allclose(derivative(rates, 1e-5), 0.0, rtol=0, atol=1e-4)
+
+
+def test_moves_without_a_dwell_do_not_stop_for_long() -> None:
+    path = ViewMoves(views=MOVES.views, move=0.5, dwell=0.0)
+    assert path.duration == 1.0
+    assert_allclose(values(path.command(0.5, TIP_DEPTH)), [*MOVES.views[0], 0, 0, 0, 0])
+    assert values(path.command(0.51, TIP_DEPTH))[4:].any()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"views": ()}, "views: at least one"),
+        ({"views": ((0.0, 0.0, 0.0, math.nan),)}, "every number must be finite"),
+        ({"views": ((0.0, 0.0),)}, r"each \(alpha, beta, gamma, t_z\)"),
+        ({"views": MOVES.views, "move": 0.0}, "move = 0.0 s, it must be positive"),
+        ({"views": MOVES.views, "move": math.inf}, "move = inf s"),
+        ({"views": MOVES.views, "dwell": -1.0}, "dwell = -1.0 s, it must be 0 or more"),
+        ({"views": MOVES.views, "dwell": math.nan}, "dwell = nan s"),
+    ],
+)
+def test_moves_that_make_no_sense_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        ViewMoves(**options)
 
 
 # The steps ---------------------------------------------------------------------------------

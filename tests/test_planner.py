@@ -13,6 +13,7 @@ from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.planner import FAR_ANGLE, FAR_DEPTH, Planner, constrain, plan
+from rcmqp.reference import carried
 
 PERIOD = 1e-3
 NEAR_VIEWS = ViewCommand(0.1, -0.2, 0.3, 0.02), ViewCommand(-0.1, 0.1, -0.1, 0.05)
@@ -136,7 +137,8 @@ def test_plan_refuses_what_is_no_pose(which: str) -> None:
 @pytest.mark.parametrize("points", [1, 2, 7, 50])
 def test_planner_feeds_the_plan_of_a_far_view_one_part_a_cycle(points: int, sign: float) -> None:
     x_rcm = random_rcm()
-    target = Reference(sign * view_pose(x_rcm, FAR_VIEWS[1]).x_d, np.zeros(8))
+    view = view_pose(x_rcm, FAR_VIEWS[1])
+    target = Reference(sign * view.x_d, view.x_d_dot, view.pivot, view.pivot_dot)
     planner = Planner(x_rcm, points, PERIOD)
     fed = [planner.step(target).x_d for _ in range(points + 1)]
     assert_allclose(fed, plan(x_rcm, x_rcm, target.x_d, points)[1:], rtol=0, atol=1e-13)
@@ -213,6 +215,33 @@ def test_x_d_dot_is_the_velocity_of_the_part_to_come(
         assert_allclose(later(0.0), fed.x_d, rtol=0, atol=1e-13)
         expected = derivative(later) if part <= N else np.zeros(8)  # the last part is the view
         assert_allclose(PERIOD * fed.x_d_dot, expected, rtol=0, atol=1e-11)
+
+
+def test_a_trocar_that_moves_carries_the_plan_along() -> None:
+    """Ten centimetres in the course of a plan: far, but not as the trocar sees it."""
+    x_rcm, N = random_rcm(), 30
+    still, moving = Planner(x_rcm, N, PERIOD), Planner(x_rcm, N, PERIOD)
+    velocity = np.array([2.0, -1.0, 3.0])
+    for cycle in range(N + 5):
+        offset = cycle * PERIOD * velocity
+        target = view_pose(carried(x_rcm, offset), FAR_VIEWS[1], velocity)
+        plain, fed = still.step(view_pose(x_rcm, FAR_VIEWS[1])), moving.step(target)
+        expected = pin.SE3(np.eye(3), offset) * dq.to_se3(plain.x_d)
+        assert_allclose(dq.to_se3(fed.x_d).homogeneous, expected.homogeneous, rtol=0, atol=1e-13)
+        assert_allclose(fed.pivot, dq.translation(x_rcm) + offset, rtol=0, atol=1e-15)
+        assert np.array_equal(fed.pivot_dot, velocity)
+        if cycle > N:
+            assert fed is target
+
+
+def test_x_d_dot_of_a_plan_has_the_trocars_velocity_in_it() -> None:
+    x_rcm, velocity = random_rcm(), np.array([0.02, -0.01, 0.03])
+    still, moving = (Planner(x_rcm, 10, PERIOD) for _ in range(2))
+    plain = still.step(view_pose(x_rcm, FAR_VIEWS[1]))
+    fed = moving.step(view_pose(x_rcm, FAR_VIEWS[1], velocity))
+    r = dq.P(plain.x_d)
+    carried_on = [*np.zeros(4), *(0.5 * dq.quaternion_mul([0.0, *velocity], r))]
+    assert_allclose(fed.x_d_dot, plain.x_d_dot + carried_on, rtol=0, atol=1e-15)
 
 
 def test_a_planner_that_was_reset_is_as_new() -> None:

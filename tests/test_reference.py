@@ -11,7 +11,7 @@ from rcmqp import Reference, ViewCommand, view_pose
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand
-from rcmqp.reference import view_of_tip
+from rcmqp.reference import carried, view_of_tip
 
 TIP_DEPTH = 0.1
 
@@ -106,6 +106,38 @@ def test_x_d_dot_is_the_derivative_of_x_d() -> None:
         assert_allclose(view_pose(x_rcm, command).x_d_dot, derivative(x_d), rtol=0, atol=1e-11)
 
 
+# A trocar that moves -----------------------------------------------------------------------
+
+
+def test_a_carried_pose_is_moved_in_the_worlds_axes_and_not_turned() -> None:
+    rng = np.random.default_rng(7)
+    oMe, offset = random_placement(rng), rng.normal(size=3)
+    expected = pin.SE3(np.eye(3), offset) * oMe
+    x = dq.from_se3(oMe)
+    assert_allclose(
+        dq.to_se3(carried(x, offset)).homogeneous, expected.homogeneous, rtol=0, atol=1e-14
+    )
+    assert_allclose(x, dq.from_se3(oMe), rtol=0, atol=0)
+    assert carried(x, np.zeros(3)) is x
+
+
+def test_x_d_dot_is_the_derivative_of_x_d_when_the_trocar_moves_too() -> None:
+    rng = np.random.default_rng(7)
+    for command in random_commands(rng):
+        x_rcm = dq.from_se3(random_placement(rng))
+        velocity = rng.normal(scale=0.1, size=3)
+
+        def x_d(
+            t: float, x_rcm: Array = x_rcm, view: ViewCommand = command, v: Array = velocity
+        ) -> Array:
+            return view_pose(carried(x_rcm, t * v), later(view, t)).x_d
+
+        reference = view_pose(x_rcm, command, velocity)
+        assert_allclose(reference.x_d_dot, derivative(x_d), rtol=0, atol=1e-11)
+        assert np.array_equal(reference.pivot_dot, velocity)
+        assert_allclose(reference.pivot, dq.to_se3(x_rcm).translation, rtol=0, atol=1e-15)
+
+
 # Its inverse -------------------------------------------------------------------------------
 
 
@@ -181,6 +213,7 @@ def test_a_tip_outside_the_patient_is_refused(z: float) -> None:
 
 
 def test_commands_and_references_are_frozen() -> None:
-    for data, field in ((ViewCommand(), "alpha"), (Reference(dq.IDENTITY, np.zeros(8)), "x_d")):
+    reference = Reference(dq.IDENTITY, np.zeros(8), np.zeros(3), np.zeros(3))
+    for data, field in ((ViewCommand(), "alpha"), (reference, "x_d")):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(data, field, 0.0)

@@ -91,7 +91,7 @@ def test_a_file_says_by_itself_what_is_in_it(run: Run, saved: Path) -> None:
             assert dataset.attrs["meaning"] == field.metadata["meaning"] != ""
         assert set(file["diagnostics"]) == set(run.diagnostics)
         assert file.attrs["format"] == "rcmqp run"
-        assert file.attrs["format_version"] == 1
+        assert file.attrs["format_version"] == 2
         assert file.attrs["seed"] == 11
         assert file.attrs["controller"] == "dual_quaternion"
         assert file.attrs["digest"] == run.digest
@@ -167,10 +167,11 @@ def test_a_foreign_hdf5_file_is_refused(tmp_path: Path) -> None:
         Run.load(tmp_path / "other.h5")
 
 
-def test_another_format_version_is_refused(saved: Path) -> None:
+@pytest.mark.parametrize("version", [1, 3])
+def test_another_format_version_is_refused(version: int, saved: Path) -> None:
     with h5py.File(saved, "r+") as file:
-        file.attrs["format_version"] = 2
-    with pytest.raises(RunFileError, match="format version 2, this rcmqp reads 1"):
+        file.attrs["format_version"] = version
+    with pytest.raises(RunFileError, match=f"format version {version}, this rcmqp reads 2"):
         Run.load(saved)
 
 

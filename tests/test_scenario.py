@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from helpers import assert_allclose, shaft_distance
 
 from rcmqp import RcmqpError, Scenario, arm_names, load_arm, load_scenario, scenario_names
+from rcmqp.dualquaternion import P, quaternion_mul, to_se3
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.paths import PATHS, ConicalHelix, ViewSteps
+from rcmqp.instrument import Vector3
+from rcmqp.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
+from rcmqp.paths import PATHS, Circle, ConicalHelix, Lissajous, ViewMoves, ViewSteps
 from rcmqp.paths import Path as ViewPath
+from rcmqp.plants import PLANTS, Kinematic, Plant, Servo
+from rcmqp.scene import Sphere
 
 every_scenario = pytest.mark.parametrize("name", scenario_names())
 on_every_arm = pytest.mark.parametrize("arm", arm_names())
@@ -65,7 +73,8 @@ def test_a_scenario_starts_with_the_shaft_in_the_trocar(name: str, arm: str) -> 
     assert scenario.name == name
     assert scenario.arm == arm
     insertion = scenario.insertion()
-    assert insertion.trocar_offset < 1e-12
+    offset = 5e-3 if name == "trocar_off_shaft" else 0.0
+    assert abs(insertion.trocar_offset - offset) < 1e-12
     assert abs(insertion.tip_depth - 0.1) < 1e-12
     load_arm(arm).check_limits(scenario.angles_start)
 
@@ -87,15 +96,61 @@ def test_ints_and_lists_become_plain_floats_and_tuples(helix: Scenario) -> None:
     assert all(type(angle) is float for angle in changed.angles_start)
 
 
-@pytest.mark.parametrize("path", [ConicalHelix(turns=2.0), ViewSteps(((0.1, 0.2, 0.3, 0.04),))])
-def test_every_kind_of_path_survives_json(helix: Scenario, path: ViewPath) -> None:
-    scenario = dataclasses.replace(helix, path=path)
-    assert Scenario.from_json(scenario.to_json()).path == path
-    assert type(path) in PATHS.values()
+VIEWS = ((0.1, 0.2, 0.3, 0.04),)
+KINDS: list[ViewPath | Motion | Plant] = [  # one of each, no number as it is by default
+    Circle(radius=0.02),
+    ConicalHelix(turns=2.0),
+    Lissajous(size=(0.01, 0.02, 0.0)),
+    ViewMoves(VIEWS, dwell=0.0),
+    ViewSteps(VIEWS),
+    Breathing(n=2, direction=(1.0, 2.0, 2.0)),
+    Sampled((0.0, 0.5, 2.0), ((0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.0, 0.02))),
+    Sinusoid(frequency=1.0),
+    Still(),
+    Kinematic(),
+    Servo(delay=3, counts_per_turn=4096, noise=1e-4, velocity_saturation=True),
+]
 
 
-def test_every_kind_of_path_is_in_the_test_above() -> None:
-    assert set(PATHS) == {"conical_helix", "view_steps"}
+@pytest.mark.parametrize("thing", KINDS, ids=lambda thing: type(thing).__name__)
+def test_every_kind_of_path_motion_and_plant_survives_json(
+    helix: Scenario, thing: ViewPath | Motion | Plant
+) -> None:
+    field = "path" if type(thing) in PATHS.values() else "motion"
+    field = "plant" if type(thing) in PLANTS.values() else field
+    scenario = dataclasses.replace(helix, **{field: thing})  # type: ignore[arg-type]
+    again = Scenario.from_json(scenario.to_json())
+    assert getattr(again, field) == thing
+    assert again == scenario
+    assert hash(again) == hash(scenario)
+
+
+def test_every_kind_is_in_the_test_above() -> None:
+    registered = {*PATHS.values(), *MOTIONS.values(), *PLANTS.values()}
+    assert {type(thing) for thing in KINDS} == registered
+
+
+def test_obstacles_survive_json(helix: Scenario) -> None:
+    spheres = (Sphere((0.1, 0.2, 0.3), 0.02), Sphere((1, 2, 3), 1))
+    scenario = dataclasses.replace(helix, obstacles=list(spheres))  # type: ignore[arg-type]
+    assert scenario.obstacles == spheres
+    assert Scenario.from_json(scenario.to_json()) == scenario
+    assert scenario.insertion().obstacles == spheres
+
+
+def test_a_scenario_of_an_earlier_version_is_still_read(helix: Scenario) -> None:
+    """Word for word what version 0.1 wrote, but for the trocar's digits."""
+    trocar = json.dumps(dataclasses.asdict(helix.trocar))
+    text = (
+        '{"name": "conical_helix", "arm": "lwa3", "angles_start": [0.0, 0.35, 0.0, 1.32, 0.0, '
+        '1.55, 1.5708], "instrument": {"length": 0.33, "radius": 0.005, "mount_offset": 0.0, '
+        '"camera": {"field_of_view": 1.2217304763960306}}, "trocar": ' + trocar + ", "
+        '"path": {"kind": "conical_helix", "radius_start": 0.01, "radius_end": 0.03, "pitch": '
+        '0.013333333333333334, "turns": 3.0, "duration": 20.0, "ramp": 1.0}, "duration": 20.0, '
+        '"period": 0.001, "flange": null, "planner_time": null, "shaft_tolerance": 1e-06, '
+        '"seed": 0}'
+    )
+    assert Scenario.from_json(text) == helix
 
 
 @pytest.mark.parametrize(
@@ -117,11 +172,128 @@ def test_the_planner_divides_its_time_into_parts_of_one_period(helix: Scenario) 
     assert helix.planner(x_rcm) is None
 
 
+def test_a_scenario_on_the_shaft_is_what_its_parts_make_by_hand(helix: Scenario) -> None:
+    assert Scenario.on_shaft("conical_helix", "lwa3", ConicalHelix()) == helix
+    angles = load_arm("lwa3").home + 0.1
+    found = Scenario.on_shaft(
+        "mine", "lwa3", Circle(), angles_start=angles, depth=0.08, duration=2.0, seed=5
+    )
+    assert found.angles_start == pytest.approx(tuple(angles), abs=1e-15)
+    assert found.insertion().tip_depth == pytest.approx(0.08, abs=1e-14)
+    assert (found.duration, found.seed, found.name) == (2.0, 5, "mine")
+
+
+# What the controller is told ---------------------------------------------------------------
+
+
+def moving(how: str, **changes: Any) -> Scenario:
+    motion = Sinusoid(amplitude=0.02, frequency=1.0, direction=(1.0, -2.0, 2.0), ramp=0.3)
+    given = {"duration": 0.5, "motion": motion, "pivot_velocity": how, **changes}
+    return load_scenario("conical_helix", **given)
+
+
+def test_the_trocar_is_where_its_motion_takes_it() -> None:
+    scenario = moving("measured")
+    insertion = scenario.insertion()
+    pivots = scenario.pivots()
+    assert pivots.shape == (501, 3)
+    assert np.array_equal(pivots[0], scenario.trocar.pivot)
+    for k, reference in enumerate(scenario.references(insertion)):
+        expected = np.array(scenario.trocar.pivot) + scenario.motion.position(k * 1e-3)
+        assert_allclose(pivots[k], expected, rtol=0, atol=1e-15)
+        assert_allclose(reference.pivot, expected, rtol=0, atol=1e-14)
+        assert shaft_distance(to_se3(reference.x_d), pivots[k]) < 1e-14
+    assert np.ptp(pivots, axis=0).max() > 0.01
+
+
+def test_a_view_goes_along_with_the_trocar() -> None:
+    still = moving("measured", motion=Still())
+    scenario = moving("measured")
+    pairs = zip(
+        still.references(still.insertion()),
+        scenario.references(scenario.insertion()),
+        scenario.pivots() - still.pivots(),
+        strict=True,
+    )
+    for plain, carried, offset in pairs:
+        a, b = to_se3(plain.x_d), to_se3(carried.x_d)
+        assert_allclose(a.rotation, b.rotation, rtol=0, atol=1e-15)
+        assert_allclose(b.translation - a.translation, offset, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("planner_time", [None, 0.2])
+def test_x_d_dot_is_the_derivative_of_x_d_on_a_moving_trocar(planner_time: float | None) -> None:
+    """Central differences between cycles, which err by some T^2 / 6 of the third derivative."""
+    scenario = moving("measured", planner_time=planner_time, period=5e-4)
+    if planner_time:
+        views = ((0.3, 0.2, 0.1, 0.02), (0.3, 0.2, 0.1, 0.02))
+        scenario = dataclasses.replace(scenario, path=ViewSteps(views, dwell=1.0))
+    T, references = scenario.period, list(scenario.references(scenario.insertion()))
+    for k in range(1, len(references) - 1):
+        if planner_time and abs(k * T - planner_time) < 3 * T:
+            continue  # the plan stops at once
+        rate = (references[k + 1].x_d - references[k - 1].x_d) / (2 * T)
+        assert_allclose(references[k].x_d_dot, rate, rtol=0, atol=2e-6)
+
+
+def test_a_measured_velocity_is_the_motions() -> None:
+    scenario = moving("measured")
+    for k, reference in enumerate(scenario.references(scenario.insertion())):
+        assert np.array_equal(reference.pivot_dot, scenario.motion.velocity(k * 1e-3))
+
+
+def test_an_estimated_velocity_is_the_way_since_the_last_cycle_over_the_period() -> None:
+    scenario = moving("estimated")
+    references = list(scenario.references(scenario.insertion()))
+    assert not references[0].pivot_dot.any()
+    for before, now in itertools.pairwise(references):
+        assert_allclose(now.pivot_dot, (now.pivot - before.pivot) / 1e-3, rtol=0, atol=1e-11)
+
+
+def test_an_unknown_velocity_is_told_as_zero() -> None:
+    """In x_d_dot, too: it is that of the same view in a trocar that stands still."""
+    scenario, measured = moving("unknown"), moving("measured")
+    pairs = zip(
+        scenario.references(scenario.insertion()),
+        measured.references(measured.insertion()),
+        strict=True,
+    )
+    for told, full in pairs:
+        assert not told.pivot_dot.any()
+        assert np.array_equal(told.x_d, full.x_d)
+        drift = 0.5 * quaternion_mul([0.0, *full.pivot_dot], P(full.x_d))
+        assert_allclose(told.x_d_dot[4:] + drift, full.x_d_dot[4:], rtol=0, atol=1e-15)
+
+
+def test_a_trocar_that_jumps_takes_the_reference_along_at_once() -> None:
+    """Ten centimetres in a cycle, as a tracker may report: no planner, no error; see Reference."""
+    there: Vector3 = (0.0, 0.1, 0.0)
+    jump = Sampled((0.0, 0.1, 0.101, 1.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), there, there))
+    scenario = load_scenario("view_steps", motion=jump, duration=0.2)
+    references = list(scenario.references(scenario.insertion()))
+    gap = to_se3(references[101].x_d).translation - to_se3(references[100].x_d).translation
+    assert_allclose(gap, there, rtol=0, atol=1e-3)
+
+
 # By name and from files --------------------------------------------------------------------
 
 
 def test_hyphens_are_as_good_as_underscores() -> None:
     assert load_scenario("conical-helix") == load_scenario("conical_helix")
+
+
+def test_a_scenario_knows_the_arm_that_it_is_for(tmp_path: Path) -> None:
+    assert load_scenario("six_joints").arm == "ur5"
+    assert load_scenario("six_joints", "panda").arm == "panda"
+    assert load_scenario("conical_helix").arm == "lwa3"
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from rcmqp import load_scenario\n"
+        "def scenario(arm, *, flange=None):\n"
+        "    return load_scenario('conical_helix', arm, flange=flange)\n",
+        encoding="utf-8",
+    )
+    assert load_scenario(str(file)).arm == "lwa3"
 
 
 def test_changes_replace_fields(helix: Scenario) -> None:
@@ -180,11 +352,29 @@ def test_an_unknown_field_is_answered_with_the_nearest() -> None:
         ({"planner_time": math.inf}, "planner_time = inf"),
         ({"angles_start": (math.nan,) * 7}, "angles_start"),
         ({"shaft_tolerance": math.nan}, "shaft_tolerance = nan"),
+        ({"seed": -1}, "seed = -1"),
+        ({"pivot_velocity": "guessed"}, "unknown pivot_velocity 'guessed'"),
+        ({"obstacles": ((0.0, 0.0, 0.0),)}, "is no Sphere"),
     ],
 )
 def test_a_value_out_of_range_is_refused(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(OptionError, match=message):
+    with pytest.raises((OptionError, UnknownName), match=message):
         load_scenario("conical_helix", **change)
+
+
+@pytest.mark.parametrize(
+    ("centre", "radius", "message"),
+    [
+        ((0.0, 0.0, math.nan), 1.0, "centre = .* three finite numbers"),
+        ((0.0, 0.0, 0.0), 0.0, "radius = 0.0 m, it must be positive"),
+        ((0.0, 0.0, 0.0), math.inf, "radius = inf m"),
+    ],
+)
+def test_a_sphere_that_makes_no_sense_is_refused(
+    centre: Vector3, radius: float, message: str
+) -> None:
+    with pytest.raises(OptionError, match=message):
+        Sphere(centre, radius)
 
 
 @every_scenario
@@ -224,11 +414,11 @@ def test_only_fields_with_a_default_may_be_missing(
     data = json.loads(helix.to_json())
     del data[field.name]
     text = json.dumps(data)
-    if field.default is dataclasses.MISSING:
+    if field.default is field.default_factory is dataclasses.MISSING:
         with pytest.raises(OptionError, match=field.name):
             Scenario.from_json(text)
     else:
-        assert getattr(Scenario.from_json(text), field.name) == field.default
+        assert getattr(Scenario.from_json(text), field.name) == getattr(helix, field.name)
 
 
 @pytest.mark.parametrize(
@@ -244,17 +434,25 @@ def test_only_fields_with_a_default_may_be_missing(
         ("planner_time", "long"),
         ("shaft_tolerance", "tight"),
         ("seed", "lucky"),
+        ("motion", "still"),
+        ("motion", {"kind": ["still"]}),
+        ("plant", 3.0),
+        ("plant", {}),
+        ("pivot_velocity", ["measured"]),
+        ("obstacles", 3.0),
+        ("obstacles", [[0.0, 0.0, 0.0]]),
     ],
 )
 def test_a_field_of_another_kind_is_refused(helix: Scenario, field: str, value: Any) -> None:
     text = json.dumps(with_value(json.loads(helix.to_json()), (field,), value))
-    with pytest.raises(OptionError):
+    with pytest.raises((OptionError, UnknownName)):
         Scenario.from_json(text)
 
 
 def test_a_field_that_does_not_exist_is_refused(helix: Scenario) -> None:
     data = json.loads(helix.to_json())
-    for place in ((), ("path",), ("trocar",), ("instrument",), ("instrument", "camera")):
+    places = [(), ("path",), ("trocar",), ("instrument",), ("instrument", "camera")]
+    for place in [*places, ("motion",), ("plant",)]:
         with pytest.raises(OptionError, match="colour"):
             Scenario.from_json(json.dumps(with_value(data, (*place, "colour"), "blue")))
 
@@ -262,6 +460,18 @@ def test_a_field_that_does_not_exist_is_refused(helix: Scenario) -> None:
 def test_an_unknown_kind_of_path_is_answered_with_the_nearest(helix: Scenario) -> None:
     text = helix.to_json().replace('"kind": "conical_helix"', '"kind": "conical_helx"')
     with pytest.raises(UnknownName, match="path 'conical_helx'; did you mean conical_helix"):
+        Scenario.from_json(text)
+
+
+@pytest.mark.parametrize(
+    ("field", "kind", "given"),
+    [("motion", "still", "stil"), ("plant", "kinematic", "kinetic")],
+)
+def test_an_unknown_kind_of_motion_or_plant_is_answered_with_the_nearest(
+    helix: Scenario, field: str, kind: str, given: str
+) -> None:
+    text = helix.to_json().replace(f'"kind": "{kind}"', f'"kind": "{given}"')
+    with pytest.raises(UnknownName, match=f"{field} '{given}'; did you mean {kind}"):
         Scenario.from_json(text)
 
 

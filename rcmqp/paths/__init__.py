@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+from rcmqp.paths.circle import Circle
 from rcmqp.paths.conical_helix import ConicalHelix
+from rcmqp.paths.lissajous import Lissajous
+from rcmqp.paths.view_moves import ViewMoves
 from rcmqp.paths.view_steps import ViewSteps
 from rcmqp.reference import ViewCommand
 
@@ -25,6 +28,12 @@ class Path(Protocol):
         """The view asked for at ``t`` [s], its tip ``tip_depth`` [m] inside at the start."""
 
 
-PATHS: dict[str, type[Path]] = {"conical_helix": ConicalHelix, "view_steps": ViewSteps}
+PATHS: dict[str, type[Path]] = {
+    "circle": Circle,
+    "conical_helix": ConicalHelix,
+    "lissajous": Lissajous,
+    "view_moves": ViewMoves,
+    "view_steps": ViewSteps,
+}
 
-__all__ = ["PATHS", "ConicalHelix", "Path", "ViewSteps"]
+__all__ = ["PATHS", "Circle", "ConicalHelix", "Lissajous", "Path", "ViewMoves", "ViewSteps"]

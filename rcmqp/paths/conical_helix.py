@@ -10,6 +10,7 @@ import numpy as np
 from rcmqp import dualquaternion as dq
 from rcmqp.errors import OptionError
 from rcmqp.reference import ViewCommand, view_of_tip
+from rcmqp.smooth import check_ramp, progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,23 +50,11 @@ class ConicalHelix:
             )
         if not (math.isfinite(self.pitch) and math.isfinite(self.turns)):
             raise OptionError(f"pitch = {self.pitch}, turns = {self.turns}: finite, please")
-        if not 0.0 < 2 * self.ramp <= self.duration < math.inf:
-            raise OptionError(
-                f"ramp = {self.ramp} s, duration = {self.duration} s: the ramp must be positive "
-                "and at most half of the duration"
-            )
+        check_ramp(self.duration, self.ramp)
 
     def progress(self, t: float) -> tuple[float, float]:
         """How far the helix has come at ``t`` [s], s in [0, 1], and s' [1/s]."""
-        if t > self.duration / 2:
-            s, s_dot = self.progress(self.duration - min(t, self.duration))
-            return 1.0 - s, s_dot
-        cruise = 1.0 / (self.duration - self.ramp)
-        if t >= self.ramp:
-            return cruise * (t - self.ramp / 2), cruise
-        u = max(t, 0.0) / self.ramp
-        rise = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-        return cruise * self.ramp * u**4 * (2.5 - 3.0 * u + u**2), cruise * rise
+        return progress(t, self.duration, self.ramp)
 
     def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
         """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
 from rcmqp.errors import OptionError
+from rcmqp.paths.view_moves import check_views
 from rcmqp.reference import ViewCommand
 
 
@@ -24,14 +24,9 @@ class ViewSteps:
 
     def __post_init__(self) -> None:
         """Make the views plain tuples and check them."""
-        views = tuple(tuple(map(float, view)) for view in self.views)
-        if not views or any(len(view) != 4 for view in views):
-            raise OptionError("views: at least one, each (alpha, beta, gamma, t_z)")
-        if not all(map(math.isfinite, itertools.chain(*views))):
-            raise OptionError(f"views = {views}, every number must be finite")
+        object.__setattr__(self, "views", check_views(self.views))
         if not 0.0 < self.dwell < math.inf:
             raise OptionError(f"dwell = {self.dwell} s, it must be positive")
-        object.__setattr__(self, "views", views)
 
     @property
     def duration(self) -> float:

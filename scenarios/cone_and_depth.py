@@ -1,0 +1,31 @@
+"""Views beyond what the trocar allows: tilted out of its cone, and too far in and out.
+
+The trocar takes a tilt of 15 degrees and depths of 8 to 12 cm. Asked for are 23 degrees at
+14 cm, then 23 degrees another way at 6 cm, then the view of the start. A controller that
+keeps the trocar's limits stays at their edge; one that knows none goes beyond.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from rcmqp import Scenario
+from rcmqp.paths import ViewMoves
+
+
+def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
+    """From the arm's home, the tip 10 cm inside, the cone about the shaft at the start."""
+    views = ((0.4, 0.0, 0.0, 0.04), (0.0, -0.4, 0.0, -0.04), (0.0, 0.0, 0.0, 0.0))
+    path = ViewMoves(views=views, move=3.0, dwell=0.3)
+    wide = Scenario.on_shaft("cone_and_depth", arm, path, flange=flange)
+    trocar = dataclasses.replace(
+        wide.trocar, cone_half_angle=math.radians(15.0), depth_range=(0.08, 0.12)
+    )
+    return dataclasses.replace(wide, trocar=trocar)
+
+
+if __name__ == "__main__":
+    from rcmqp.cli import run_file
+
+    run_file(__file__)

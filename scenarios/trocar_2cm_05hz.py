@@ -1,0 +1,20 @@
+"""The second trocar motion of the paper's follow-up: 2 cm at 0.5 Hz; see moving_trocar."""
+
+from __future__ import annotations
+
+from rcmqp import Scenario
+from rcmqp.scenario import scenario_module
+
+
+def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:
+    """One view, held from the arm's home, while the trocar moves and takes the view along."""
+    moving: Scenario = scenario_module("moving_trocar").scenario(
+        arm, flange=flange, amplitude=0.02, frequency=0.5, name="trocar_2cm_05hz"
+    )
+    return moving
+
+
+if __name__ == "__main__":
+    from rcmqp.cli import run_file
+
+    run_file(__file__)
