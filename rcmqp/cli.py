@@ -202,6 +202,57 @@ def controllers(
 
 
 @app.command()
+def compare(
+    scenario: Annotated[
+        list[str], typer.Option("--scenario", "-s", help="Name or file; may be repeated.")
+    ],
+    arm: Annotated[
+        list[str] | None,
+        typer.Option("--arm", "-a", help="Name; may be repeated; each scenario's own without it."),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option("--controller", "-c", help="Name; may be repeated; all without it."),
+    ] = None,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
+        "comparison"
+    ),
+    period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
+    duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", help="Processes; -1 for every core.")] = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Run scenarios x arms x controllers and put what came of it in one table.
+
+    For example,
+
+      rcmqp compare -s fast_helix -s breathing_trocar -a panda --jobs 2
+
+    The folder gets every run, comparison.csv, comparison.md and a figure of the errors for each
+    scenario and arm. The numbers, but for times, do not depend on the number of jobs.
+    """
+    from rcmqp import compare as comparison  # joblib and matplotlib take long to import
+
+    changes = {"period": period, "duration": duration, "seed": seed}
+    todo = comparison.cases(
+        scenario,
+        arm or [None],
+        controller or list(CONTROLLERS),
+        {name: value for name, value in changes.items() if value is not None},
+    )
+    with console.bar(quiet=as_json) as advance:
+        rows = comparison.compare(
+            todo, folder, jobs=jobs, progress=lambda done: advance("runs", done, len(todo))
+        )
+    if as_json:
+        console.print_json([console.row_json(row) for row in rows])
+        return
+    out.print(comparison.as_markdown(rows), markup=False, highlight=False, soft_wrap=True)
+    out.print(f"wrote {folder}", highlight=False, soft_wrap=True)
+
+
+@app.command()
 def reproduce(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "results"

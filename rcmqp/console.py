@@ -187,6 +187,12 @@ def arm_json(arm: Arm) -> dict[str, Any]:
     }
 
 
+def row_json(row: object) -> dict[str, Any]:
+    """What rcmqp compare --json prints for one case."""
+    values = dataclasses.asdict(row)  # type: ignore[call-overload]
+    return {name: _finite(x) if isinstance(x, float) else x for name, x in values.items()}
+
+
 def _summary(metrics: Metrics) -> Sequence[str]:
     return (
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",

@@ -39,7 +39,7 @@ def trajectory_figure(runs: Sequence[Run]) -> Figure:
     return figure
 
 
-def error_figure(runs: Sequence[Run]) -> Figure:
+def error_figure(runs: Sequence[Run], *, logarithmic: bool = False) -> Figure:
     """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3."""
     figure = Figure(figsize=(8.0, 5.4), layout="constrained")
     tip, rcm = figure.subplots(2, 1, sharex=True)
@@ -51,8 +51,8 @@ def error_figure(runs: Sequence[Run]) -> Figure:
         }
         tip.plot(run.time, 1e3 * run.tip_error, label=_label(run), **style)
         rcm.plot(run.time, 1e3 * run.rcm_error, **style)
-    _label_axes(tip, "tip error [mm]")
-    _label_axes(rcm, "RCM error [mm]")
+    _label_axes(tip, "tip error [mm]", logarithmic)
+    _label_axes(rcm, "RCM error [mm]", logarithmic)
     rcm.set_xlabel("time [s]")
     figure.legend(loc="outside upper center", ncols=min(len(runs), 2), frameon=False)
     return figure
@@ -123,7 +123,11 @@ def _label(run: Run) -> str:
     return f"{arm_title(run.scenario.arm)}, {run.controller}, {period}"
 
 
-def _label_axes(axes: Axes, label: str) -> None:
+def _label_axes(axes: Axes, label: str, logarithmic: bool) -> None:
     axes.set_ylabel(label)
-    axes.set_ylim(bottom=0.0)
+    if logarithmic:
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-6))
+    else:
+        axes.set_ylim(bottom=0.0)
     axes.grid(alpha=0.3)

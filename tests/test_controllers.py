@@ -50,12 +50,18 @@ def views(insertion: Insertion, count: int = 50) -> list[Reference]:
     return [view_pose(insertion.x_rcm, helix.command(t, insertion.tip_depth)) for t in times]
 
 
+def flipped(reference: Reference) -> Reference:
+    """The same pose and rate by the other dual quaternion."""
+    return dataclasses.replace(reference, x_d=-reference.x_d, x_d_dot=-reference.x_d_dot)
+
+
 def follow(controller: Controller, references: Iterable[Reference]) -> tuple[Array, list[Command]]:
     """Configurations (n, nq) and answers of a loop from the start, written out by hand."""
     arm, q = controller.insertion.arm, controller.insertion.q_start
-    path, answers = [q], []
+    path, answers = [q], list[Command]()
     for reference in references:
-        answers.append(controller.step(arm.state(q), reference))
+        v = answers[-1].v if answers else None
+        answers.append(controller.step(arm.state(q, v), reference))
         q = pin.integrate(arm.model, q, controller.period * answers[-1].v)
         path.append(q)
     return np.array(path), answers
@@ -83,7 +89,7 @@ def test_answers_are_finite_and_of_one_shape(name: str, arm_name: str) -> None:
 def test_x_d_and_minus_x_d_are_one_command(name: str, arm_name: str) -> None:
     controller = made(name, arm_name)
     references = views(controller.insertion)
-    negative = [Reference(-item.x_d, -item.x_d_dot) for item in references]
+    negative = [flipped(item) for item in references]
     path, _ = follow(controller, references)
     controller.reset()
     assert_allclose(follow(controller, negative)[0], path, rtol=0, atol=1e-12)
@@ -115,6 +121,7 @@ def test_steps_share_no_memory(name: str) -> None:
     given = [states[0].q, states[0].angles, states[0].x, states[0].J_local]
     given += [references[0].x_d, references[0].x_d_dot, arm.velocity]
     assert not any(np.shares_memory(first.v, array) for array in given)
+    first.v.setflags(write=True)
     first.v[:] = np.nan
     for array in given[:-1]:
         array.setflags(write=True)
@@ -127,7 +134,7 @@ def test_a_step_leaves_what_it_is_given_as_it_is(name: str) -> None:
     controller = made(name)
     state = controller.insertion.state(controller.insertion.q_start)
     (reference,) = views(controller.insertion, 1)
-    reference = Reference(-reference.x_d, -reference.x_d_dot)
+    reference = flipped(reference)
     kept = reference.x_d.copy(), reference.x_d_dot.copy(), state.oMe.copy(), state.x.copy()
     controller.step(state, reference)
     assert np.array_equal(reference.x_d, kept[0])
@@ -151,13 +158,20 @@ def test_a_step_leaves_what_it_is_given_as_it_is(name: str) -> None:
         pytest.param(lambda x: x[:4], id="short"),
     ],
 )
-def test_a_reference_that_is_no_pose_is_refused(
+def test_a_reference_that_is_no_pose_is_refused_or_ends_in_the_safe_stop(
     name: str, spoil: Callable[[Array], Array]
 ) -> None:
     controller = made(name)
     state = controller.insertion.state(controller.insertion.q_start)
-    with pytest.raises(InvalidCommand, match="x_d"):
-        controller.step(state, Reference(spoil(from_se3(state.oMe)), np.zeros(8)))
+    (reference,) = views(controller.insertion, 1)
+    spoilt = dataclasses.replace(reference, x_d=spoil(from_se3(state.oMe)))
+    if "safe_stop" in controller.step(state, reference).diagnostics and name != "vfi_qp":
+        answer = controller.step(state, spoilt)
+        assert answer.diagnostics["safe_stop"] == 1.0
+        assert np.array_equal(answer.v, np.zeros(controller.insertion.arm.nv))  # it stood still
+    else:
+        with pytest.raises(InvalidCommand, match="x_d"):
+            controller.step(state, spoilt)
 
 
 @every_controller

@@ -9,12 +9,28 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from rcmqp.controllers.aghakhani import Aghakhani
 from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.damped import Damped
 from rcmqp.controllers.dual_quaternion import DualQuaternion
+from rcmqp.controllers.hierarchical_qp import HierarchicalQP
+from rcmqp.controllers.pose_error import PoseError
+from rcmqp.controllers.task_priority import TaskPriority
+from rcmqp.controllers.vfi_qp import VfiQP
+from rcmqp.controllers.weighted_qp import WeightedQP
 from rcmqp.errors import UnknownName
 from rcmqp.insertion import Insertion
 
-CONTROLLERS: dict[str, type[Controller]] = {"dual_quaternion": DualQuaternion}
+CONTROLLERS: dict[str, type[Controller]] = {
+    "dual_quaternion": DualQuaternion,
+    "hierarchical_qp": HierarchicalQP,
+    "weighted_qp": WeightedQP,
+    "pose_error": PoseError,
+    "damped": Damped,
+    "task_priority": TaskPriority,
+    "aghakhani": Aghakhani,
+    "vfi_qp": VfiQP,
+}
 
 
 def make_controller(name: str, insertion: Insertion, period: float, **options: Any) -> Controller:
@@ -52,9 +68,16 @@ def controller_options(name: str) -> dict[str, Any]:
 
 __all__ = [
     "CONTROLLERS",
+    "Aghakhani",
     "Command",
     "Controller",
+    "Damped",
     "DualQuaternion",
+    "HierarchicalQP",
+    "PoseError",
+    "TaskPriority",
+    "VfiQP",
+    "WeightedQP",
     "controller_options",
     "make_controller",
 ]

@@ -23,10 +23,13 @@ class Command:
     Attributes:
         v: (nv,) joint velocity [rad/s], finite.
         diagnostics: numbers that the run records, the same names each cycle.
+        account: what the controller's solver says of the step, for whoever asks; None where
+            there is none.
     """
 
     v: Array
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    account: object | None = None
 
 
 @dataclass(frozen=True, eq=False)

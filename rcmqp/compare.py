@@ -1,0 +1,233 @@
+"""Scenarios x arms x controllers, each run in a process of its own, in one table."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import itertools
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from rcmqp.controllers import make_controller
+from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.metrics import compute_metrics
+from rcmqp.run import Run, check_writable
+from rcmqp.scenario import load_scenario
+from rcmqp.simulate import simulate
+from rcmqp.smoothness import log_dimensionless_jerk, sparc
+
+ROUNDING = 1e-9
+"""By how much a limit may be missed and still count as kept."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run to make.
+
+    Attributes:
+        scenario, controller: names.
+        arm: name; None for the scenario's own.
+        changes: fields of the scenario to be other than it has them.
+        options: of the controller.
+    """
+
+    scenario: str
+    arm: str | None
+    controller: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a case.
+
+    Attributes:
+        limits_kept: whether no joint left its position, speed or acceleration limits.
+        safe_stops: cycles that ended in the controller's safe stop.
+        sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
+        failure: why there is no run; empty where there is one. Numbers are NaN then.
+    """
+
+    scenario: str
+    arm: str
+    controller: str
+    tip_rms_mm: float = np.nan
+    tip_max_mm: float = np.nan
+    rcm_rms_mm: float = np.nan
+    rcm_max_mm: float = np.nan
+    limits_kept: bool = False
+    speed_ratio_max: float = np.nan
+    acceleration_ratio_max: float = np.nan
+    limit_margin_min_rad: float = np.nan
+    saturated_share: float = np.nan
+    singular_value_min: float = np.nan
+    safe_stops: float = np.nan
+    sparc: float = np.nan
+    ldlj: float = np.nan
+    solve_time_median_us: float = np.nan
+    solve_time_p99_us: float = np.nan
+    digest: str = ""
+    failure: str = ""
+
+
+TIMES = ("solve_time_median_us", "solve_time_p99_us")
+"""What differs from run to run."""
+
+_TITLES = {
+    "scenario": "scenario",
+    "arm": "arm",
+    "controller": "controller",
+    "tip_rms_mm": "tip rms [mm]",
+    "rcm_rms_mm": "RCM rms [mm]",
+    "rcm_max_mm": "RCM max [mm]",
+    "limits_kept": "limits kept",
+    "speed_ratio_max": "speed / limit",
+    "acceleration_ratio_max": "acc. / limit",
+    "limit_margin_min_rad": "margin [rad]",
+    "saturated_share": "saturated",
+    "safe_stops": "stops",
+    "sparc": "SPARC",
+    "ldlj": "LDLJ",
+    "solve_time_median_us": "step [us]",
+    "failure": "failure",
+}
+
+
+def cases(
+    scenarios: Sequence[str],
+    arms: Sequence[str | None],
+    controllers: Sequence[str],
+    changes: Mapping[str, Any] | None = None,
+) -> list[Case]:
+    """Every combination, scenarios first."""
+    return [
+        Case(scenario, arm, controller.replace("-", "_"), changes or {})
+        for scenario, arm, controller in itertools.product(scenarios, arms, controllers)
+    ]
+
+
+def compare(
+    todo: Sequence[Case],
+    out: str | os.PathLike[str],
+    *,
+    jobs: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> list[Row]:
+    """Run every case and write the runs, comparison.csv and comparison.md into a folder.
+
+    The rows come in the order of the cases, and but for times they are the same whatever the
+    number of jobs. A case that cannot be run is a row that says why.
+
+    Args:
+        todo: what to run.
+        out: folder, made if it is not there.
+        jobs: how many processes; joblib's n_jobs, so -1 is one for each core, and a backend
+            chosen with joblib.parallel_config() is used.
+        progress: called with 1 after each case.
+
+    Raises:
+        RunFileError: the folder or a file in it cannot be written.
+    """
+    folder = Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFileError(folder, f"cannot be made: {error}") from error
+    check_writable(folder / "comparison.csv")
+    rows = []
+    work = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(run_case)(case, folder) for case in todo
+    )
+    for row in work:
+        rows.append(row)
+        if progress is not None:
+            progress(1)
+    (folder / "comparison.csv").write_text(as_csv(rows), encoding="utf-8")
+    (folder / "comparison.md").write_text(f"# Comparison\n\n{as_markdown(rows)}", encoding="utf-8")
+    _draw(rows, folder)
+    return rows
+
+
+def run_case(case: Case, folder: Path) -> Row:
+    """Run one case and save the run."""
+    try:
+        scenario = load_scenario(case.scenario, case.arm, **case.changes)
+        insertion = scenario.insertion()
+        controller = make_controller(case.controller, insertion, scenario.period, **case.options)
+        run = simulate(scenario, controller)
+        run.save(folder / f"{_stem(run)}_{case.controller}.h5")
+    except (RcmqpError, np.linalg.LinAlgError) as error:
+        return Row(case.scenario, case.arm or "", case.controller, failure=str(error))
+    return row_of(run)
+
+
+def row_of(run: Run) -> Row:
+    """Sum up a run."""
+    found = dataclasses.asdict(compute_metrics(run))
+    names = {item.name for item in dataclasses.fields(Row)}
+    speed = np.linalg.norm(np.diff(run.tip, axis=0), axis=1) / run.period
+    return Row(
+        run.scenario.name,
+        run.scenario.arm,
+        run.controller,
+        **{name: value for name, value in found.items() if name in names},
+        limits_kept=found["speed_ratio_max"] <= 1.0 + ROUNDING
+        and found["acceleration_ratio_max"] <= 1.0 + ROUNDING
+        and found["limit_margin_min_rad"] >= -ROUNDING,
+        safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
+        sparc=sparc(speed, run.period),
+        ldlj=log_dimensionless_jerk(speed, run.period),
+        digest=run.digest,
+    )
+
+
+def _stem(run: Run) -> str:
+    return f"{run.scenario.name}_{Path(run.scenario.arm).stem}"
+
+
+def _draw(rows: Sequence[Row], folder: Path) -> None:
+    """The errors of all controllers over the same time axis, a figure a scenario and arm."""
+    from rcmqp import plots  # matplotlib takes long to import
+
+    done = [row for row in rows if not row.failure]
+    for scenario, arm in dict.fromkeys((row.scenario, row.arm) for row in done):
+        names = [row.controller for row in done if (row.scenario, row.arm) == (scenario, arm)]
+        stem = f"{scenario}_{Path(arm).stem}"
+        runs = [Run.load(folder / f"{stem}_{name}.h5") for name in names]
+        plots.save_figure(plots.error_figure(runs, logarithmic=True), folder / stem)
+
+
+def as_csv(rows: Iterable[Row]) -> str:
+    """All columns, full precision."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [item.name for item in dataclasses.fields(Row)])
+    writer.writeheader()
+    writer.writerows(dataclasses.asdict(row) for row in rows)
+    return text.getvalue()
+
+
+def as_markdown(rows: Iterable[Row]) -> str:
+    """The columns that a reader compares."""
+    lines = [
+        f"| {' | '.join(_TITLES.values())} |",
+        f"| {' | '.join(['---'] * 3 + ['---:'] * (len(_TITLES) - 4) + ['---'])} |",
+    ]
+    for row in rows:
+        lines.append(f"| {' | '.join(_cell(getattr(row, name)) for name in _TITLES)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.4g}"
+    return str(value).replace("|", "/").replace("\n", " ")

@@ -1,0 +1,131 @@
+"""The shaft parameter lambda as one more joint: Aghakhani et al. 2013."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import (
+    check_between,
+    check_gain,
+    checked_reference,
+)
+from rcmqp.controllers.pseudoinverse import in_order
+from rcmqp.dualquaternion import Array
+from rcmqp.reference import Reference
+from rcmqp.tasks import TipTask
+
+
+@dataclass(frozen=True, eq=False)
+class Aghakhani(Controller):
+    """RCM and tip at one priority, with the place of the trocar on the shaft as an unknown.
+
+    N. Aghakhani, M. Geravand, N. Shahriari, M. Vendittelli and G. Oriolo, "Task control with
+    remote center of motion constraint for minimally invasive robotic surgery", ICRA 2013. With
+    p_i and p_i+1 the two ends of the link that goes through the trocar,
+
+        p_rcm = p_i + lambda (p_i+1 - p_i),
+        J_rcm = [J_i + lambda (J_i+1 - J_i),  p_i+1 - p_i]                 3 x (n + 1),
+        [theta_dot; lambda_dot] = J^+ [K_t (p_tip,d - p_tip); K_rcm (p_trocar - p_rcm)]
+                                  + (I - J^+ J) w,   J = [J_t 0; J_rcm].
+
+    Here the link is the shaft: p_i where it begins, p_i+1 its tip.
+
+    lambda is a state. It starts where the trocar projects on the shaft at the first step after
+    reset(), lambda = (p_trocar - p_i)^T (p_i+1 - p_i) / |p_i+1 - p_i|^2, and is then integrated
+    with the period T: a step depends on this state as others depend on a solver's warm start,
+    and whoever skips cycles should call reset().
+
+    Left open: the text was not at hand, the law is that of the abstract and of RViMLab/rcm. w is
+    [0; lambda_gain (lambda_rest - lambda)]. Tip and RCM together fix the depth, and so
+    lambda_dot: where J has its full rank 6, w moves lambda not at all, and only turns the arm
+    about what is free; it comes into its own where J loses rank. The inverse is truncated. RViMLab
+    damps it (0.01), and has lambda start at a number that is given.
+
+    Departures: ``rcm_first`` and ``reproject`` are not in the paper (both are in RViMLab/rcm).
+    ``feed_forward`` is off, as in the other controllers, though implementations of the paper
+    have such a term for the task.
+
+    Attributes:
+        gain: K_t of the tip [1/s].
+        rcm_gain: K_rcm [1/s].
+        lambda_gain: how hard w pulls lambda [1/s]; 0 for not at all.
+        lambda_rest: where to: 0 is where the shaft begins, 1 the tip.
+        tolerance: relative cut-off of J^+.
+        rcm_first: the RCM's rows first and the tip in their nullspace.
+        reproject: start every step from the projection, so that lambda is no state.
+        feed_forward: know the velocities of the reference and of the trocar.
+    """
+
+    name: ClassVar[str] = "aghakhani"
+
+    gain: float = 60.0
+    rcm_gain: float = 60.0
+    lambda_gain: float = 0.0
+    lambda_rest: float = 0.5
+    tolerance: float = 1e-3
+    rcm_first: bool = False
+    reproject: bool = False
+    feed_forward: bool = False
+    _tip: TipTask = field(init=False, repr=False)
+    _lambda: list[float] = field(init=False, repr=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        check_gain("gain", self.gain, self.period)
+        check_gain("rcm_gain", self.rcm_gain, self.period)
+        if self.lambda_gain != 0.0:
+            check_gain("lambda_gain", self.lambda_gain, self.period)
+        check_between("lambda_rest", self.lambda_rest, 0.0, 1.0)
+        check_between("tolerance", self.tolerance, 0.0, 1.0)
+        tip = TipTask(self.insertion.tip_depth, gain=self.gain)
+        object.__setattr__(self, "_tip", tip)
+
+    def reset(self) -> None:
+        """Forget lambda; the next step starts it from the projection."""
+        self._lambda.clear()
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law; see Controller.step()."""
+        reference = checked_reference(reference, self.feed_forward)
+        tip_depth = self.insertion.tip_depth
+        p_i, J_i = shaft_point(state, tip_depth - self.insertion.instrument.length)
+        p_next, J_next = shaft_point(state, tip_depth)
+        along = p_next - p_i
+        if self.reproject or not self._lambda:
+            lam = float((reference.pivot - p_i) @ along / (along @ along))
+        else:
+            lam = self._lambda[0]
+        p_rcm = p_i + lam * along
+        J_rcm = np.column_stack([J_i + lam * (J_next - J_i), along])
+        b_rcm = self.rcm_gain * (reference.pivot - p_rcm) + reference.pivot_dot
+        tip = self._tip.level(state, reference)
+        J_t, b_t = np.column_stack([tip.A, np.zeros(3)]), tip.b
+
+        w = np.zeros(J_rcm.shape[1])
+        w[-1] = self.lambda_gain * (self.lambda_rest - lam)
+        if self.rcm_first:
+            levels = [(J_rcm, b_rcm), (J_t, b_t)]
+        else:
+            levels = [(np.vstack([J_t, J_rcm]), np.concatenate([b_t, b_rcm]))]
+        u, least = in_order(levels, w, self.tolerance)
+        self._lambda[:] = [lam + self.period * float(u[-1])]
+        return Command(u[:-1].copy(), {"lambda": lam, "least_singular_value": least})
+
+
+def shaft_point(state: ArmState, depth: float) -> tuple[Array, Array]:
+    """A point (3,) of the shaft in the world [m], and its Jacobian (3, nv), world axes.
+
+    Args:
+        state: of the arm.
+        depth: from the effector to the point, along the shaft [m].
+    """
+    a = np.array([0.0, 0.0, depth])
+    nu, omega = state.J_local[:3], state.J_local[3:]
+    return state.oMe.act(a), state.oMe.rotation @ (nu - pin.skew(a) @ omega)

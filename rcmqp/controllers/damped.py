@@ -1,0 +1,83 @@
+"""The paper's error with Chiaverini's damped inverse, instead of its truncated one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import check_gain, checked_reference
+from rcmqp.controllers.pseudoinverse import SingularValues
+from rcmqp.dualquaternion import Array
+from rcmqp.reference import Reference
+from rcmqp.tasks import PoseTask
+from rcmqp.tasks.base import check_positive
+
+
+@dataclass(frozen=True, eq=False)
+class Damped(Controller):
+    """The dual-quaternion error (3) by damped least squares, always on.
+
+    S. Chiaverini, "Singularity-robust task-priority redundancy resolution for real-time
+    kinematic control of robot manipulators", IEEE Trans. Robotics and Automation 13(3), 1997,
+    pp. 398-410: variable damping with numerical filtering, which damps the direction of the
+    least singular value and leaves the others nearly alone:
+
+        theta_dot = N* K e,   N* = N^T (N N^T + beta^2 I + lambda^2 u_6 u_6^T)^-1
+                                 = sum_(i < 6) s_i / (s_i^2 + beta^2) v_i u_i^T
+                                   + s_6 / (s_6^2 + beta^2 + lambda^2) v_6 u_6^T,
+        lambda^2 = lambda_max^2 (1 - (s_6 / epsilon)^2) where s_6 < epsilon, else 0.
+
+    With e = vec(1 - x_eff* x_d) and N of equation (3). Nothing is truncated but the two
+    singular values that a matrix of rank 6 does not have. Neither is there a nullspace term:
+    with a damped inverse I - N* N is no projector.
+
+    Left open: the text could not be had; the form is that of Marinho's own early code
+    (DampedNumericalFilteredController), the three numbers are chosen here. With lambda_max at
+    least epsilon / sqrt(2), no multiple of e's component along u_6 is above 1 / epsilon; two
+    small singular values at once are held by beta alone, at 1 / (2 beta).
+
+    Departures: s_6 and u_6 are those of this cycle's singular value decomposition; the 1990s
+    estimated them recursively to save time.
+
+    Attributes:
+        gain: K [1/s].
+        lambda_max: largest damping of the least singular value; of N, whose singular values are
+            half of those of the effector's geometric Jacobian.
+        epsilon: size of the singular region: damping begins where s_6 is below.
+        beta: damping of all directions, everywhere.
+        feed_forward: add -vec(x_eff* x_d') to K e; not in the papers.
+    """
+
+    name: ClassVar[str] = "damped"
+
+    gain: float = 60.0
+    lambda_max: float = 0.05
+    epsilon: float = 0.02
+    beta: float = 1e-3
+    feed_forward: bool = False
+    _pose: PoseTask = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        check_gain("gain", self.gain, self.period)
+        for option in ("lambda_max", "epsilon", "beta"):
+            check_positive(option, getattr(self, option))
+        object.__setattr__(self, "_pose", PoseTask(gain=self.gain))
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law; see Controller.step()."""
+        reference = checked_reference(reference, self.feed_forward)
+        rows = self._pose.level(state, reference)  # -N v = -K e
+        svd = SingularValues.of(rows.A, rank=6)
+        v = svd.solve(self._inverse(svd.s), rows.b)
+        return Command(v, {"least_singular_value": float(svd.s[-1])})
+
+    def _inverse(self, s: Array) -> Array:
+        """Damped inverses of the singular values (6,)."""
+        damping = s * 0.0 + self.beta**2
+        if s[-1] < self.epsilon:
+            damping[-1] += self.lambda_max**2 * (1.0 - (s[-1] / self.epsilon) ** 2)
+        return s / (s**2 + damping)

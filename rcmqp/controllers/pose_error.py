@@ -1,0 +1,60 @@
+"""The law that the paper improves upon: equation (2), on the difference of two poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rcmqp import dualquaternion as dq
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import check_between, check_gain, checked_reference
+from rcmqp.controllers.pseudoinverse import SingularValues
+from rcmqp.reference import Reference
+
+
+@dataclass(frozen=True, eq=False)
+class PoseError(Controller):
+    """The whole pose by the difference of two dual quaternions.
+
+    H.-L. Pham, V. Perdereau, B. V. Adorno and P. Fraisse, "Position and orientation control of
+    robot manipulators using dual quaternion feedback", IROS 2010, pp. 658-663; equation (2) of
+    Marinho, Bernardes and Bo:
+
+        theta_dot = K J^+ vec(x_d - x_eff),   vec(x_eff)' = J theta_dot         (2)
+
+    Mended: (2) is printed with x_eff - x_d, which runs away from x_d.
+
+    Left open: the inverse. J is 8 x n of rank 6 at the most, so J^+ keeps at most six singular
+    values, those above ``tolerance`` times the largest, as in the paper's own controller.
+
+    Departures: of x_d and -x_d, one pose, the one on x_eff's side is taken. The difference is
+    not invariant: the dual parts are measured from the world's origin, so J's singular values,
+    and which direction is given up near a singularity, depend on where that is.
+
+    Attributes:
+        gain: K [1/s].
+        tolerance: relative cut-off of J^+.
+        feed_forward: add vec(x_d'), which takes the lag of speed / K away; not in the papers.
+    """
+
+    name: ClassVar[str] = "pose_error"
+
+    gain: float = 60.0
+    tolerance: float = 1e-3
+    feed_forward: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        check_gain("gain", self.gain, self.period)
+        check_between("tolerance", self.tolerance, 0.0, 1.0)
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law; see Controller.step()."""
+        reference = checked_reference(reference, self.feed_forward)
+        side = -1.0 if dq.P(state.x) @ dq.P(reference.x_d) < 0.0 else 1.0
+        wanted = self.gain * (side * reference.x_d - state.x) + side * reference.x_d_dot
+        svd = SingularValues.of(state.J_dq, rank=6)
+        v = svd.solve(svd.truncated(svd.kept(self.tolerance)), wanted)
+        return Command(v, {"least_singular_value": float(svd.s[-1])})

@@ -1,0 +1,132 @@
+"""The RCM first, the tip second: Azimian, Patel and Naish 2010."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import (
+    check_between,
+    check_gain,
+    check_not_negative,
+    checked_reference,
+)
+from rcmqp.controllers.pseudoinverse import in_order
+from rcmqp.dualquaternion import translation
+from rcmqp.objectives import make_objective
+from rcmqp.reference import Reference
+from rcmqp.task_reconstruction import TaskReconstruction, manipulability, shaft_jacobian
+from rcmqp.tasks import ObjectiveTask, RcmTask, TipTask
+from rcmqp.tasks.base import check_finite
+
+
+@dataclass(frozen=True, eq=False)
+class TaskPriority(Controller):
+    """RCM Jacobian at the first priority, the tip in its nullspace.
+
+    H. Azimian, R. V. Patel and M. D. Naish, "On constrained manipulation in robotics-assisted
+    minimally invasive surgery", BioRob 2010, pp. 650-655. The shaft's point at the trocar must
+    not move sideways, which is two rows; the tip's position is three:
+
+        theta_dot = J_rcm^+ b_rcm + (J_tip P)^+ (b_tip - J_tip J_rcm^+ b_rcm),
+        P = I - J_rcm^+ J_rcm,   b_tip = K (p_tip,d - p_tip)
+
+    The roll about the shaft is left to the inverse.
+
+    Left open: the text could not be had; the law is built from its description in Marinho,
+    Bernardes and Bo, with the lateral rows of RcmTask. Whether the RCM has position feedback is
+    open: b_rcm = K_rcm e_rcm here, for with b_rcm = 0 the RCM drifts (``rcm_gain`` = 0). What
+    the rest nullspace does is open: nothing, unless ``K_c`` is given. The inverses are
+    truncated.
+
+    Departures: all options from ``K_c`` on are extensions, off by default.
+
+    Attributes:
+        gain: K of the tip [1/s].
+        rcm_gain: K_rcm [1/s]; 0 for velocities only.
+        tolerance: a direction of J_rcm, and of the tip in its nullspace, is given up where its
+            singular value is below this share of the largest of J_rcm, or J_tip.
+        K_c: gain of the objective in the nullspace of both, see ObjectiveTask; 0 for none.
+        c_d: desired value of the objective.
+        objective: its name in OBJECTIVES; empty for the arm's own.
+        reconstruct_from: share of the manipulability at the insertion's start below which the
+            tip's rows go through TaskReconstruction (Kim et al. 2004); 0 for never. The RCM's
+            rows never do. The measure also falls to 0 as the tip nears the trocar, and grows as
+            it goes deeper, so shares above 1 make sense.
+        reconstruct_full: share of that again, below which the component that leads towards the
+            singularity is gone altogether.
+        escape: [m/s] of TaskReconstruction.
+        feed_forward: know the velocities of the reference and of the trocar; not in the paper.
+    """
+
+    name: ClassVar[str] = "task_priority"
+
+    gain: float = 60.0
+    rcm_gain: float = 60.0
+    tolerance: float = 1e-3
+    K_c: float = 0.0
+    c_d: float = 1.0
+    objective: str = ""
+    reconstruct_from: float = 0.0
+    reconstruct_full: float = 0.5
+    escape: float = 0.0
+    feed_forward: bool = False
+    _tip: TipTask = field(init=False, repr=False)
+    _objective: ObjectiveTask | None = field(init=False, repr=False)
+    _reconstruction: TaskReconstruction | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the options and make the tasks.
+
+        Raises:
+            OptionError: an option's value is not allowed.
+            UnknownName: there is no such objective.
+        """
+        super().__post_init__()
+        check_gain("gain", self.gain, self.period)
+        if self.rcm_gain != 0.0:
+            check_gain("rcm_gain", self.rcm_gain, self.period)
+        check_between("tolerance", self.tolerance, 0.0, 1.0)
+        check_finite("c_d", self.c_d)
+        for option in ("K_c", "reconstruct_from", "escape"):
+            check_not_negative(option, getattr(self, option))
+        check_between("reconstruct_full", self.reconstruct_full, 0.0, 1.0)
+        tip = TipTask(self.insertion.tip_depth, gain=self.gain)
+        object.__setattr__(self, "_tip", tip)
+        objective = None
+        if self.objective:
+            make_objective(self.objective, self.insertion.arm)  # refuses an unknown name
+        if self.K_c:
+            named = {"objective": self.objective} if self.objective else {}
+            objective = ObjectiveTask.made_for(self.insertion, c_d=self.c_d, K_c=self.K_c, **named)
+        object.__setattr__(self, "_objective", objective)
+        reconstruction = None
+        if self.reconstruct_from:
+            m_1 = self.reconstruct_from * self._manipulability_at_start()
+            reconstruction = TaskReconstruction(m_1, self.reconstruct_full * m_1, self.escape)
+        object.__setattr__(self, "_reconstruction", reconstruction)
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law; see Controller.step()."""
+        reference = checked_reference(reference, self.feed_forward)
+        rcm, tip = RcmTask().evaluate(state, reference), self._tip.level(state, reference)
+        b_rcm, b_tip = -self.rcm_gain * rcm.error - rcm.drift, tip.b
+        rest, diagnostics = np.zeros(state.angles.size), {}
+        if self._reconstruction is not None:
+            depth = self.insertion.tip_depth
+            b_tip, m = self._reconstruction.of_tip(state, reference, depth, b_tip)
+            diagnostics["manipulability"] = m
+        if self._objective is not None:
+            rest = self._objective.level(state, reference).b
+        v, least = in_order([(rcm.jacobian, b_rcm), (tip.A, b_tip)], rest, self.tolerance)
+        return Command(v, {**diagnostics, "least_singular_value": least})
+
+    def _manipulability_at_start(self) -> float:
+        insertion = self.insertion
+        still = Reference(insertion.x_rcm, np.zeros(8), translation(insertion.x_rcm), np.zeros(3))
+        rows = shaft_jacobian(insertion.state(insertion.q_start), still, insertion.tip_depth)
+        return manipulability(*rows)[0]

@@ -1,0 +1,155 @@
+"""The RCM as an entry sphere: the vector-field inequality of Marinho et al. 2019."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import check_between, check_gain, checked_reference
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError
+from rcmqp.qp import Bounds, Hierarchy, Level, get_solver
+from rcmqp.reference import Reference
+from rcmqp.tasks import PoseTask, RcmTask, TipTask
+from rcmqp.tasks.base import check_positive
+
+
+@dataclass(frozen=True, eq=False)
+class VfiQP(Controller):
+    """The tool's pose as objective, the shaft through a sphere as a hard inequality.
+
+    M. M. Marinho, B. V. Adorno, K. Harada, K. Deie, A. Deguet, P. Kazanzides, R. H. Taylor and
+    M. Mitsuishi, "A unified framework for the teleoperation of surgical robots in constrained
+    workspaces", ICRA 2019, pp. 2721-2727:
+
+        min_u  alpha |J_t u + eta e_t|^2 + (1 - alpha) |N_r u + eta e_r|^2 + lambda^2 |u|^2
+        s.t.   J_l,p u <= eta_d (d_safe^2 - D_l,p),   q_lo - q <= u <= q_hi - q
+
+    with e_t = t - t_d of the tool's tip, e_r = vec(r* r_d) - 1 and N_r = H-(r_d) C_4 J_r of its
+    rotation, and D_l,p the squared distance of the trocar from the shaft's line, J_l,p its
+    derivative. Within the sphere the RCM is free: its error is whatever the objective leaves.
+
+    D_l,p(k+1) <= (1 - eta_d T) D_l,p(k) + eta_d T d_safe^2, but for second order in T, so with
+    eta_d T <= 1 a shaft inside stays inside and one outside comes back at eta_d. The row is
+    divided by 2 d_safe here, into m/s, which changes no solution.
+
+    The QP is solved as a hierarchy of one level: whatever the backend proposes is computed again
+    in closed form and verified, so the answer is the optimum, and the same bits each time.
+
+    The safe stop, by name: zero velocity for this cycle, where the inequalities cannot all hold,
+    and where no optimum was found that passes the verification. The diagnostic ``safe_stop`` is
+    then 1, and ``infeasible`` in the first case.
+
+    Left open: the paper's eta, alpha, lambda, eta_d and d_safe were not at hand. alpha and eta_d
+    are those of Marinho's own later code for this law; eta is the K of the other
+    controllers; d_safe is 1 mm. lambda is 0.001, not the code's 0.01: with 0.01 the rotation
+    lags behind the tip, and the helix of experiment A takes the shaft as far off the trocar as
+    the sphere allows.
+
+    Departures: of r_d and -r_d the one on r's side is taken, as the code does. ``velocity_limits``
+    and ``feed_forward`` are extensions, off by default.
+
+    Attributes:
+        gain: eta [1/s].
+        alpha: share of the translation, in 1/m^2, against the rotation.
+        damping: lambda [m].
+        d_safe: radius of the entry sphere, about the trocar [m]; of the shaft's axis.
+        vfi_gain: eta_d [1/s].
+        velocity_limits: keep the joints' speed limits, too.
+        solver: name of the QP backend, see ``rcmqp.qp.solver_names()``.
+        feed_forward: know the velocities of the reference and of the trocar.
+    """
+
+    name: ClassVar[str] = "vfi_qp"
+
+    gain: float = 60.0
+    alpha: float = 0.999
+    damping: float = 1e-3
+    d_safe: float = 1e-3
+    vfi_gain: float = 2.0
+    velocity_limits: bool = False
+    solver: str = "proxqp"
+    feed_forward: bool = False
+    _tip: TipTask = field(init=False, repr=False)
+    _hierarchy: Hierarchy = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the options and make the solver.
+
+        Raises:
+            OptionError: an option's value is not allowed.
+            UnknownName: no solver has that name.
+            SolverNotInstalled: its package is missing.
+        """
+        super().__post_init__()
+        check_gain("gain", self.gain, self.period)
+        check_between("alpha", self.alpha, 0.0, 1.0)
+        for option in ("damping", "d_safe", "vfi_gain"):
+            check_positive(option, getattr(self, option))
+        if self.vfi_gain * self.period > 1.0:
+            raise OptionError(
+                f"vfi_gain * period = {self.vfi_gain} 1/s * {self.period} s = "
+                f"{self.vfi_gain * self.period:.3g}; the sphere is kept up to 1: lower the gain "
+                "or sample faster"
+            )
+        object.__setattr__(self, "_tip", TipTask(self.insertion.tip_depth))
+        get_solver(self.solver)  # says what is wrong with the name
+        object.__setattr__(self, "_hierarchy", Hierarchy(self.solver))
+
+    def reset(self) -> None:
+        """Forget the solver's warm start."""
+        self._hierarchy.reset()
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """Solve the QP once; see Controller.step()."""
+        reference = checked_reference(reference, self.feed_forward)
+        C, d = self._entry_sphere(state, reference)
+        lower, upper = self._box(state)
+        solution = self._hierarchy.solve(
+            [self._objective(state, reference)], Bounds(lower, upper, C, d)
+        )
+        infeasible = not solution.limits_hold
+        stop = infeasible or not solution.exact
+        v = np.zeros(lower.size) if stop else solution.v.copy()
+        return Command(
+            v,
+            {
+                "safe_stop": float(stop),
+                "infeasible": float(infeasible),
+                "sphere_slack": float((d - C @ v)[0]),
+            },
+            solution,
+        )
+
+    def _objective(self, state: ArmState, reference: Reference) -> Level:
+        """The three terms as the rows of one sum of squares."""
+        tip, pose = self._tip.evaluate(state, reference), PoseTask().evaluate(state, reference)
+        J_t, b_t = tip.jacobian, -self.gain * tip.error - tip.drift
+        N_r, e_r = -pose.jacobian[:4], -pose.error[:4]  # PoseTask's error is 1 - r* r_d = -e_r
+        b_r = -self.gain * e_r + pose.drift[:4]
+        root, rest, n = math.sqrt(self.alpha), math.sqrt(1.0 - self.alpha), state.angles.size
+        return Level(
+            np.vstack([root * J_t, rest * N_r, self.damping * np.eye(n)]),
+            np.concatenate([root * b_t, rest * b_r, np.zeros(n)]),
+            "tool",
+        )
+
+    def _entry_sphere(self, state: ArmState, reference: Reference) -> tuple[Array, Array]:
+        """The row J_l,p u <= eta_d (d_safe^2 - D_l,p) - dD_l,p/dt, over 2 d_safe."""
+        rcm = RcmTask().evaluate(state, reference)
+        D, J_D = rcm.error @ rcm.error, 2.0 * rcm.error @ rcm.jacobian
+        room = self.vfi_gain * (self.d_safe**2 - D) - 2.0 * rcm.error @ rcm.drift
+        return J_D[None] / (2.0 * self.d_safe), np.array([room / (2.0 * self.d_safe)])
+
+    def _box(self, state: ArmState) -> tuple[Array, Array]:
+        """Bounds (n,) of u [rad/s]."""
+        arm = self.insertion.arm
+        lower, upper = arm.lower - state.angles, arm.upper - state.angles  # [rad] times 1/s
+        if self.velocity_limits:
+            return np.maximum(lower, -arm.velocity), np.minimum(upper, arm.velocity)
+        return lower, upper

@@ -1,0 +1,122 @@
+"""The same tasks in one QP, by weights: the comparison that shows what strict levels are for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rcmqp.arm import ArmState
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import check_gain, check_not_negative, checked_reference
+from rcmqp.controllers.hierarchical_qp import default_limits
+from rcmqp.errors import InvalidCommand
+from rcmqp.limits import Limit, combine
+from rcmqp.qp import QP, QPSolver, Status, get_solver
+from rcmqp.reference import Reference
+from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask, Together
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedQP(Controller):
+    """One QP: RCM, tool and objective in one cost, inside the limits of hierarchical_qp.
+
+        min_v  sum_i w_i |J_i v + K e_i + drift_i|^2 + damping |v|^2
+
+    as users of pink and mink write it. A weight trades errors where it should forbid them: when
+    the arm runs out of speed, the RCM gives way a little, the more the smaller its weight; and
+    the larger it is, the worse the QP is conditioned.
+
+    A step always answers, inside the joint limits. A reference that is not finite or no pose,
+    and a QP that the backend does not solve (rows that cannot all hold, say), end in the safe
+    stop ``brake``: the joints stop as fast as their limits allow.
+
+    Attributes:
+        gain: K of every task [1/s]; K T must be below 2.
+        rcm_weight: of the RCM's two rows [1/m^2].
+        tip_weight: of the tip's three rows [1/m^2].
+        roll_weight: of the roll about the shaft [1/rad^2].
+        objective_weight: of the objective's velocity; 0 leaves it out.
+        damping: of the joint velocity.
+        limit_gain: how fast the trocar's limits may be approached [1/s].
+        backend: any of the QP solvers. DAQP, because ProxQP leaves one QP in five of these badly
+            conditioned ones unsolved when the arm is at its limits.
+    """
+
+    name: ClassVar[str] = "weighted_qp"
+    diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "safe_stop": ("1", "1 where the joints brake instead of following"),
+    }
+
+    gain: float = 60.0
+    rcm_weight: float = 1e4
+    tip_weight: float = 1.0
+    roll_weight: float = 1e-2
+    objective_weight: float = 1e-6
+    damping: float = 1e-8
+    limit_gain: float = 60.0
+    backend: str = "daqp"
+    _tasks: Together = field(init=False, repr=False)
+    _limits: tuple[Limit, ...] = field(init=False, repr=False)
+    _solver: QPSolver = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the options; make tasks, limits and the solver.
+
+        Raises:
+            OptionError: an option's value is not allowed.
+            UnknownName: there is no such backend.
+            SolverNotInstalled: the backend's package is missing.
+        """
+        super().__post_init__()
+        check_gain("gain", self.gain, self.period)
+        check_gain("limit_gain", 2.0 * self.limit_gain, self.period)
+        check_not_negative("damping", self.damping)
+        check_not_negative("objective_weight", self.objective_weight)
+        insertion, gain = self.insertion, self.gain
+        tasks = (
+            RcmTask(gain=gain, weight=self.rcm_weight)
+            + TipTask(insertion.tip_depth, gain=gain, weight=self.tip_weight)
+            + RollTask(gain=gain, weight=self.roll_weight)
+        )
+        if self.objective_weight > 0.0:
+            tasks += ObjectiveTask.made_for(insertion, weight=self.objective_weight)
+        object.__setattr__(self, "_tasks", tasks)
+        limits = default_limits(insertion, self.period, self.limit_gain)
+        object.__setattr__(self, "_limits", limits)
+        object.__setattr__(self, "_solver", get_solver(self.backend))
+
+    def reset(self) -> None:
+        """Forget the solver's warm start."""
+        self._solver.reset()
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        """One QP; see Controller.step(). Raises nothing."""
+        try:
+            reference = checked_reference(reference, rates=True)
+        except InvalidCommand:
+            still = Reference(state.x, np.zeros(8), state.oMe.translation, np.zeros(3))
+            return self._brake(state, still)
+        level = self._tasks.level(state, reference)
+        bounds = combine(self._limits, state, reference)
+        n = len(bounds.lower)
+        qp = QP.build(
+            level.A.T @ level.A + self.damping * np.eye(n),
+            -(level.A.T @ level.b),
+            C=bounds.C,
+            d=bounds.d,
+            lb=bounds.lower,
+            ub=bounds.upper,
+        )
+        solution = self._solver.solve(qp)
+        if solution.status is not Status.SOLVED or not np.isfinite(solution.v).all():
+            return self._brake(state, reference)
+        v = np.clip(solution.v, bounds.lower, bounds.upper)
+        return Command(v, {"safe_stop": 0.0}, solution)
+
+    def _brake(self, state: ArmState, reference: Reference) -> Command:
+        bounds = combine(self._limits, state, reference)
+        v: Any = np.clip(np.zeros(len(bounds.lower)), bounds.lower, bounds.upper)
+        return Command(v, {"safe_stop": 1.0})

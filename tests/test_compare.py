@@ -1,0 +1,97 @@
+"""Many runs in one table."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import assert_allclose
+
+from rcmqp import Run
+from rcmqp.cli import main
+from rcmqp.compare import TIMES, Row, as_markdown, cases, compare
+from rcmqp.smoothness import log_dimensionless_jerk, sparc
+
+TODO = cases(
+    ["conical_helix"], ["ur5", "panda"], ["dual-quaternion", "task_priority"], {"duration": 0.2}
+)
+
+
+def numbers(rows: list[Row]) -> list[dict[str, object]]:
+    return [
+        {name: x for name, x in dataclasses.asdict(row).items() if name not in TIMES}
+        for row in rows
+    ]
+
+
+def test_the_rows_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
+    done: list[int] = []
+    one = compare(TODO, tmp_path / "one", progress=done.append)
+    two = compare(TODO, tmp_path / "two", jobs=2)
+    assert numbers(one) == numbers(two)
+    assert [(row.arm, row.controller) for row in one] == [
+        (arm, name) for arm in ("ur5", "panda") for name in ("dual_quaternion", "task_priority")
+    ]
+    assert sum(done) == len(TODO)
+
+
+def test_every_file_is_written_and_holds_the_rows(tmp_path: Path) -> None:
+    rows = compare(TODO[:2], tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "comparison.csv",
+        "comparison.md",
+        "conical_helix_ur5.png",
+        "conical_helix_ur5.pdf",
+        "conical_helix_ur5_dual_quaternion.h5",
+        "conical_helix_ur5_task_priority.h5",
+    }
+    run = Run.load(tmp_path / "conical_helix_ur5_dual_quaternion.h5")
+    assert rows[0].digest == run.digest
+    assert_allclose(rows[0].rcm_max_mm, 1e3 * run.rcm_error.max())
+    with (tmp_path / "comparison.csv").open() as stream:
+        (first, _) = csv.DictReader(stream)
+    assert float(first["tip_rms_mm"]) == rows[0].tip_rms_mm
+    assert as_markdown(rows) in (tmp_path / "comparison.md").read_text()
+
+
+def test_what_cannot_be_run_is_a_row_that_says_why(tmp_path: Path) -> None:
+    todo = cases(["conical_helix"], ["lwa4"], ["dual_quaternion"])
+    (row,) = compare(todo, tmp_path)
+    assert "did you mean lwa3" in row.failure
+    assert math.isnan(row.rcm_max_mm)
+    assert "did you mean lwa3" in as_markdown([row])
+
+
+def test_the_command_prints_the_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["--duration", "0.1", "--out", str(tmp_path), "-a", "ur5", "-c", "dual-quaternion"]
+    with pytest.raises(SystemExit):
+        main(["compare", "-s", "conical_helix", *short, "--json"])
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["scenario"], row["arm"], row["limits_kept"]) == ("conical_helix", "ur5", True)
+
+
+def test_smoother_movements_have_larger_measures() -> None:
+    t, T = np.arange(0.0, 2.0, 1e-3), 1e-3
+    s = t / 2.0
+    bell = 30.0 * s**2 * (1.0 - s) ** 2
+    shaken = bell * (1.0 + 0.2 * np.sin(2.0 * np.pi * 6.0 * t))
+    assert sparc(shaken, T) < sparc(bell, T) < -1.0
+    assert log_dimensionless_jerk(shaken, T) < log_dimensionless_jerk(bell, T)
+    assert_allclose(sparc(3.0 * bell, T), sparc(bell, T))  # of its shape, not its size
+    assert_allclose(log_dimensionless_jerk(3.0 * bell, T), log_dimensionless_jerk(bell, T))
+
+
+def test_the_jerk_of_a_parabola_is_known() -> None:
+    """v = s (1 - s), s in [0, 1]: v'' = -2, peak 1/4, so T^3 / peak^2 * 4 = 64."""
+    s = np.linspace(0.0, 1.0, 2001)
+    assert_allclose(log_dimensionless_jerk(s * (1.0 - s), s[1]), -math.log(64.0), rtol=1e-3)
+
+
+def test_no_movement_is_smooth() -> None:
+    assert sparc(np.zeros(50), 0.01) == log_dimensionless_jerk(np.zeros(50), 0.01) == 0.0
