@@ -15,9 +15,9 @@ import rcmqp
 from rcmqp import console
 from rcmqp.console import err, out
 from rcmqp.controllers import CONTROLLERS, controller_options, make_controller
-from rcmqp.errors import OptionError, RcmqpError, RunFileError, UnknownName
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.loading import arm_names, load_arm
-from rcmqp.run import Run, check_writable
+from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario, scenario_module, scenario_names
 from rcmqp.simulate import simulate
 
@@ -312,10 +312,7 @@ def _draw(result: Run, folder: Path, stem: str) -> list[Path]:
     """Trajectory and errors of a run, as PNG and PDF."""
     from rcmqp import plots  # matplotlib takes long to import
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFileError(folder, f"cannot be made: {error}") from error
+    make_folder(folder)
     check_writable(folder / f"{stem}_errors.pdf")
     return [
         *plots.save_figure(plots.trajectory_figure([result]), folder / f"{stem}_trajectory"),

@@ -16,9 +16,9 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
-from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.errors import RcmqpError
 from rcmqp.metrics import compute_metrics
-from rcmqp.run import Run, check_writable
+from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario
 from rcmqp.simulate import simulate
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
@@ -136,11 +136,7 @@ def compare(
     Raises:
         RunFileError: the folder or a file in it cannot be written.
     """
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFileError(folder, f"cannot be made: {error}") from error
+    folder = make_folder(out)
     check_writable(folder / "comparison.csv")
     rows = []
     work = Parallel(n_jobs=jobs, return_as="generator")(

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rcmqp.controllers import make_controller
-from rcmqp.errors import RunFileError
 from rcmqp.loading import arm_title
 from rcmqp.metrics import Metrics, compute_metrics
-from rcmqp.run import Run, check_writable
+from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario
 from rcmqp.simulate import simulate
 
@@ -73,11 +72,7 @@ def reproduce_a(
     Raises:
         RunFileError: the folder or a file in it cannot be written.
     """
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFileError(folder, f"cannot be made: {error}") from error
+    folder = make_folder(out)
     files = _files(folder, arms)
     for file in files:
         check_writable(file)

@@ -238,6 +238,20 @@ class Run:
         return run
 
 
+def make_folder(path: str | os.PathLike[str]) -> Path:
+    """A folder that is there, made with its parents if it was not.
+
+    Raises:
+        RunFileError: it cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFileError(folder, f"cannot be made: {error}") from error
+    return folder
+
+
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Find out before a run, not after it, whether a file can be written.
 

@@ -23,7 +23,8 @@ def check_gain(name: str, gain: float, period: float) -> None:
     if not 0.0 < gain * period < 2.0:
         raise OptionError(
             f"{name} * period = {gain} 1/s * {period} s = {gain * period:.3g}; the law is stable "
-            "only inside (0, 2), and without overshoot up to 1: lower the gain or sample faster"
+            "only inside (0, 2), and without overshoot up to 1: give a positive gain, lower, or "
+            "sample faster"
         )
 
 

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.checks import UNIT_TOLERANCE, check_gain, check_not_negative
+from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.dualquaternion import C8, Array
 from rcmqp.errors import InvalidCommand, OptionError, UnknownName
 from rcmqp.objectives import Objective, make_objective
 from rcmqp.reference import Reference
 
 VELOCITY_LIMITS = ("none", "scale", "clip")
-UNIT_TOLERANCE = 1e-6
-"""How far x_d may be from a unit dual quaternion."""
-
 RANK_TOLERANCE = 1e-12
 """Share of s_1 above which a direction of N is real, and no nullspace, if N^+ gives it up too."""
 
@@ -99,17 +98,9 @@ class DualQuaternion(Controller):
             UnknownName: there is no such objective.
         """
         super().__post_init__()
-        if not 0.0 < self.gain * self.period < 2.0:
-            raise OptionError(
-                f"gain * period = {self.gain} 1/s * {self.period} s = "
-                f"{self.gain * self.period:.3g}; the law is stable only inside (0, 2), and "
-                "without overshoot up to 1: give a positive gain, lower, or sample faster"
-            )
-        for option in ("K_c", "damping"):
-            if not 0.0 <= getattr(self, option) < math.inf:
-                raise OptionError(
-                    f"{option} = {getattr(self, option)}, it must be 0 or more, and finite"
-                )
+        check_gain("gain", self.gain, self.period)
+        check_not_negative("K_c", self.K_c)
+        check_not_negative("damping", self.damping)
         if not math.isfinite(self.c_d):
             raise OptionError(f"c_d = {self.c_d}, it must be finite")
         if not 0.0 < self.tolerance < 1.0:
@@ -142,18 +133,16 @@ class DualQuaternion(Controller):
             wanted = wanted - dq.mul(x_conj, x_d_dot)
         N = dq.H8_minus(x_d) @ C8 @ state.J_dq
 
-        U, s, Vt = np.linalg.svd(N, full_matrices=False)
-        U, s, Vt = U[:, :6], s[:6], Vt[:6]
-        kept = s > self.tolerance * s[0]
-        v = Vt.T @ (self._inverse(s, kept) * (U.T @ wanted))
+        svd = SingularValues.of(N, rank=6)
+        kept = svd.kept(self.tolerance)
+        v = svd.solve(self._inverse(svd.s, kept), wanted)
 
         c, J_c = self._objective.evaluate(state)
         v_0 = self.K_c * (self.c_d - c) * J_c
-        row_space = Vt[s > RANK_TOLERANCE * s[0]]
-        v = v + v_0 - row_space.T @ (row_space @ v_0)  # P = I - N^+ N
+        v = v + svd.remainder(v_0, svd.kept(RANK_TOLERANCE))  # P v_0, P = I - N^+ N
 
         v, scale = self._limit(v)
-        numbers = (c, float(s[-1]), float(kept.sum()), scale)
+        numbers = (c, float(svd.s[-1]), float(kept.sum()), scale)
         return Command(v, dict(zip(self.diagnostics, numbers, strict=True)))
 
     def _inverse(self, s: Array, kept: NDArray[np.bool_]) -> Array:
