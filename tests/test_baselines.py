@@ -64,7 +64,7 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("aghakhani", {"lambda_gain": 5.0}),
     ("vfi_qp", {"velocity_limits": True}),
     ("vfi_qp", {"solver": "daqp"}),
-    ("vfi_qp", {"solver": "quadprog"}),
+    ("vfi_qp", {"solver": "daqp"}),
     ("vfi_qp", {"damping": 0.01, "d_safe": 1e-4}),
 ]
 
@@ -489,7 +489,7 @@ def squared_distance(insertion: Insertion, angles: Array, pivot: Array) -> float
 
 
 @on_each_arm
-@pytest.mark.parametrize("solver", ["proxqp", "daqp", "quadprog"])
+@pytest.mark.parametrize("solver", ["proxqp", "daqp"])
 def test_vfi_qp_meets_the_entry_spheres_inequality_and_no_more(arm: str, solver: str) -> None:
     """At the optimum the objective's gradient is what the active row takes, no other."""
     rng, insertion = np.random.default_rng(7), inserted(arm)
