@@ -9,7 +9,6 @@ import pytest
 
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.qp import hierarchy as module
 from rcmqp.qp.hierarchy import Hierarchy, hierarchy_backends
 from rcmqp.qp.levels import Bounds, HierarchySolution, Level, Route
 from rcmqp.qp.problem import QP, InvalidProblem, QPSolution, Status
@@ -257,7 +256,7 @@ def test_active_set_rounds_that_run_out_are_said() -> None:
         assert (found.v <= bounds.upper).all()
         unverified += not found.exact
         for level in found.levels:
-            assert level.route.exact == (level.kkt <= module.EXACT)
+            assert level.route.exact == (level.kkt <= 1e-8)
     assert unverified >= 20
 
 
@@ -312,6 +311,34 @@ def test_what_blocks_a_level_is_named_with_its_multiplier() -> None:
     assert found.blocking(found.levels[0]) == {"a": 8.0}  # 2 * 4
     assert found.blocking(found.levels[1]) == {"b": 4.0}
     assert found.active() == {"a": "upper", "b": "upper"}
+
+
+def test_rows_yield_to_a_guarded_level_that_the_box_alone_would_let_be_reached() -> None:
+    # v_0 + v_1 = 1 is wanted; the row asks for v_0 + v_1 <= 0, the box allows both
+    levels = [Level([[1.0, 1.0]], [1.0], "rcm"), Level([[1.0, -1.0]], [4.0], "tip")]
+    bounds = Bounds([-1, -1], [1, 1], [[1.0, 1.0]], [0.0], names=["a", "b", "row"])
+    hard = Hierarchy("active_set").solve(levels, bounds)
+    yielding = Hierarchy("active_set").solve(levels, bounds, guarded=1)
+    np.testing.assert_allclose(hard.v, [1.0, -1.0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(yielding.v, [1.0, 0.0], rtol=0, atol=1e-15)
+    assert hard.limits_hold
+    assert yielding.violation.tolist() == [1.0]
+    assert yielding.exact
+    tight = Bounds([-1, -1], [0.4, 0.4], [[1.0, 1.0]], [0.0])  # out of the box's reach as well
+    stays = Hierarchy("active_set").solve(levels, tight, guarded=1)
+    assert stays.limits_hold
+
+
+def test_a_vertex_where_many_bounds_meet_is_left_or_proved_optimal() -> None:
+    rng, solver = np.random.default_rng(7), Hierarchy("active_set")
+    for _ in range(200):
+        vertex, n = rng.normal(size=5), 5
+        C = rng.normal(size=(30, n))
+        C[15:] = C[:15] * rng.uniform(0.5, 2.0, size=(15, 1))  # each of them twice
+        bounds = Bounds([-9] * n, [9] * n, C, C @ vertex)
+        levels = [Level(rng.normal(size=(2, n)), rng.normal(size=2)) for _ in range(3)]
+        found = solver.solve(levels, bounds)
+        assert found.exact, [(x.route, x.kkt) for x in (found.limits, *found.levels)]
 
 
 def test_crossed_bounds_hold_the_joint_in_the_middle_and_say_so() -> None:

@@ -1,9 +1,6 @@
 """The hierarchy against independent oracles, on thousands of random problems.
 
-Two oracles share nothing with the solver. The certificate takes the answer and the raw problem
-and asks scipy's non-negative least squares for multipliers that prove each level's optimality
-(necessary and sufficient, as every level is convex). The primal oracle solves each level with
-scipy's bounded least squares (BVLS), the levels above kept by an augmented Lagrangian.
+The oracles are in ``oracle.py``; ``test_strictness.py`` asks them about arms.
 
 ``RCMQP_SLOW=1`` runs 10,000 problems instead of 2,000.
 """
@@ -11,27 +8,17 @@ scipy's bounded least squares (BVLS), the levels above kept by an augmented Lagr
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.linalg import null_space
-from scipy.optimize import lsq_linear, nnls
+from oracle import Problem, bounded, certificate, primal_norms
 
-from rcmqp.dualquaternion import Array
 from rcmqp.qp.hierarchy import Hierarchy
 from rcmqp.qp.levels import Bounds, HierarchySolution, Level
 
 SLOW = bool(os.environ.get("RCMQP_SLOW"))
 COUNT = 10_000 if SLOW else 2_000
 PRIMAL = 10_000 if SLOW else 400
-AT_BOUND = 1e-9
-
-
-@dataclass(frozen=True)
-class Problem:
-    levels: list[Level]
-    bounds: Bounds
 
 
 def problem(rng: np.random.Generator, rows: int = 0) -> Problem:
@@ -56,59 +43,6 @@ def problem(rng: np.random.Generator, rows: int = 0) -> Problem:
         levels[2] = Level(rng.normal(size=(1, n)), [speed], "gradient")  # leaves joints to rest
     lower, upper = -limit * rng.uniform(0.05, 1, size=n), limit * rng.uniform(0.05, 1, size=n)
     return Problem(levels, Bounds(lower, upper, C, d))
-
-
-def stack(p: Problem, exceeded: Array) -> list[tuple[Array, Array]]:
-    """Every level as (A, b), the exceeded hard rows first and the rest last."""
-    n = p.bounds.lower.size
-    top = (p.bounds.C[exceeded > AT_BOUND], p.bounds.d[exceeded > AT_BOUND])
-    return [top, *((x.A, x.b) for x in p.levels), (np.eye(n), np.zeros(n))]
-
-
-def certificate(p: Problem, v: Array) -> list[float]:
-    """For each level, how far the best multipliers are from proving v optimal."""
-    n, box = v.size, p.bounds
-    excess = box.C @ v - box.d
-    at_box = np.vstack(
-        [np.eye(n)[v >= box.upper - AT_BOUND], -np.eye(n)[v <= box.lower + AT_BOUND]]
-    )
-    active = np.vstack([at_box, box.C[excess >= -AT_BOUND]])
-    fixed, found = np.zeros((0, n)), []
-    for k, (A, b) in enumerate(stack(p, excess)):
-        free = null_space(fixed, rcond=1e-11) if len(fixed) else np.eye(n)
-        gradient = free.T @ (A.T @ (A @ v - b))
-        normals = free.T @ (at_box if k == 0 else active).T
-        if normals.size:
-            found.append(float(nnls(normals, -gradient, maxiter=1000)[1]))
-        else:
-            found.append(float(np.linalg.norm(gradient)))
-        fixed = np.vstack([fixed, A])
-    return found
-
-
-def bounded(A: Array, b: Array, lower: Array, upper: Array) -> Array:
-    found = lsq_linear(A, b, (lower, upper), method="bvls", tol=1e-14, max_iter=500)
-    return np.asarray(found.x, dtype=np.float64)
-
-
-def primal_norms(p: Problem) -> list[float]:
-    """Residual norms of the lexicographic optimum, level by level; box only."""
-    n, weight = p.bounds.lower.size, 1e4
-    kept, goal, norms = np.zeros((0, n)), np.zeros(0), []
-    for A, b in stack(p, np.zeros(0))[1:]:
-        shift = np.zeros(len(kept))
-        for _ in range(300):
-            rows = np.vstack([A, weight * kept])
-            v = bounded(
-                rows, np.concatenate([b, weight * (goal - shift)]), p.bounds.lower, p.bounds.upper
-            )
-            gap = kept @ v - goal
-            shift = shift + gap
-            if not len(gap) or np.abs(gap).max() < 1e-13:
-                break
-        norms.append(float(np.linalg.norm(A @ v - b)))
-        kept, goal = np.vstack([kept, A]), np.concatenate([goal, A @ v])
-    return norms
 
 
 def touches(found: HierarchySolution) -> bool:

@@ -9,10 +9,9 @@ in all) MEASURED.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import daqp
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
@@ -38,32 +37,40 @@ class DaqpLevels:
 
     def solve(
         self,
-        levels: Sequence[tuple[Array, Array, str]],
-        lower: Array,
-        upper: Array,
+        A: Array,
+        b: Array,
+        ends: NDArray[np.int64],
         bounds: Bounds,
-        fallback: Array,
-    ) -> tuple[Array, bool]:
-        """The point v (n,) that DAQP finds, and whether it says so; else ``fallback``."""
-        matrices = [bounds.C, *(A for A, _, _ in levels)]
-        goals = [b for _, b, _ in levels]
-        above = np.concatenate([upper, bounds.d, *goals])
-        below = np.concatenate([lower, np.full(bounds.d.size, -np.inf), *goals])
+    ) -> Array | None:
+        """The point v (n,) that DAQP finds; None if it finds none.
+
+        Args:
+            A: (rows, n) of all levels.
+            b: (rows,).
+            ends: (levels,) where each level's rows end.
+            bounds: the box and the hard rows.
+        """
+        lower, upper, C, d = bounds.lower, bounds.upper, bounds.C, bounds.d
+        crossed = lower > upper
+        middle = 0.5 * lower + 0.5 * upper
+        lower, upper = np.where(crossed, middle, lower), np.where(crossed, middle, upper)
+        above = np.concatenate([upper, d, b])
+        below = np.concatenate([lower, np.full(d.size, -np.inf), b])
         sense = np.full(above.size, _SOFT, dtype=np.int32)
         sense[: lower.size] = 0
-        sizes = [lower.size, *(len(A) for A in matrices)]
-        ends = np.cumsum([size for size in sizes if size], dtype=np.int32)
+        sizes = [lower.size, d.size, *np.diff(ends, prepend=0)]
+        breaks = np.cumsum([size for size in sizes if size], dtype=np.int32)
         v, _, flag, _ = daqp.solve(
             None,
             None,
-            np.concatenate(matrices),
+            np.concatenate([C, A]),
             np.minimum(above, _INFINITY),
             np.maximum(below, -_INFINITY),
             sense,
-            break_points=ends,
+            break_points=breaks,
             primal_tol=self.primal_tol,
             iter_limit=self.iter_limit,
         )
         if flag <= 0 or not np.isfinite(v).all():
-            return fallback, False
-        return np.array(v), True
+            return None
+        return np.array(v)

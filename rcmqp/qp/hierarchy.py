@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.qp.active_set import LeastSquares
-from rcmqp.qp.cascade import Cascade, Descent
-from rcmqp.qp.levels import Bounds, HierarchySolution, Level, LevelResult, Route
-from rcmqp.qp.problem import QP, InvalidProblem, QPSolution, QPSolver, Status, checked
+from rcmqp.qp.levels import ROUTES, Answer, Bounds, HierarchySolution, Level, Route
+from rcmqp.qp.problem import QP, InvalidProblem, QPSolver, Status, checked
 from rcmqp.qp.solvers import check_options, get_solver, solver_names
 
-EXACT = 1e-8
-"""A level whose KKT residual is above this is not called exact."""
-
-REACHED = 1e-9
-"""A level is reached if its residual is below this, relative to the level's numbers."""
-
-TOUCHING = 1e-9
-"""A bound this near counts as active, relative to its size where that is above one."""
+HEAVY = 1e-4
+"""A backend's answer proposes the rows with multipliers above this, times the heaviest."""
 
 _REGULARISATION = 1e-6
+Asked: TypeAlias = dict[int, Status]
+"""A backend's verdicts, by level; 1 is the first."""
+
 _DEFAULTS: dict[str, dict[str, Any]] = {"proxqp": {"max_iter": 20, "max_iter_in": 20}}
 """A proposal need not be perfect, but quick: without these one took 0.5 s."""
 
@@ -44,10 +40,11 @@ class Hierarchy:
     Above all levels: the box, which always holds, and the hard rows, exceeded least where they
     cannot all hold. Below all levels: |v - v_rest|, which makes v unique.
 
-    Every level first tries its closed form. If a bound is in the way, the backend solves the
-    level as a QP; its active set is only a proposal, whose optimum is computed in closed form
-    and verified here, and repaired where it fails. So v does not depend on the backend or its
-    tolerance, only the time does, and neither does it depend on earlier calls beyond rounding.
+    First all levels are tried in closed form. If a bound is in the way, levels go one by one,
+    and where one is blocked the backend solves it as a QP; its active set is only a proposal,
+    whose optimum is computed in closed form and verified, and repaired where it fails. So v does
+    not depend on the backend or its tolerance, only the time does, and neither does it depend on
+    earlier calls beyond rounding. Without a backend, the last cycle's active set is the proposal.
 
     The KKT residual of each level is computed at the final v from the problem's own numbers:
     stationarity, signs, complementarity, feasibility, each relative to the size of the terms
@@ -70,6 +67,7 @@ class Hierarchy:
         self._options = _DEFAULTS.get(backend, {}) | options
         self._solvers: list[QPSolver] = []
         self._native: Any = None
+        self._guesses: dict[tuple[int, int], Array] = {}
         if backend == "active_set":
             if options:
                 raise OptionError(f"active_set has no options, {sorted(options)} given")
@@ -88,11 +86,16 @@ class Hierarchy:
 
     def reset(self) -> None:
         """Forget warm starts: the next answers are those of a new object, bit by bit."""
+        self._guesses.clear()
         for solver in self._solvers:
             solver.reset()
 
     def solve(
-        self, levels: Sequence[Level], bounds: Bounds, rest: ArrayLike | None = None
+        self,
+        levels: Sequence[Level],
+        bounds: Bounds,
+        rest: ArrayLike | None = None,
+        guarded: int = 0,
     ) -> HierarchySolution:
         """The lexicographic optimum; for finite numbers there is always one, inside the box.
 
@@ -100,6 +103,8 @@ class Hierarchy:
             levels: highest priority first.
             bounds: the box and the hard rows.
             rest: (n,) v_rest, zero by default.
+            guarded: how many of the first levels hard rows may not keep from their goal: where
+                the box alone would let these levels be reached, the rows come after them.
 
         Raises:
             InvalidProblem: shapes that do not fit, or ``rest`` not finite.
@@ -111,144 +116,96 @@ class Hierarchy:
                     f"level {level.name!r} has {level.A.shape[1]} unknowns, the bounds have {n}"
                 )
         rest = np.zeros(n) if rest is None else checked(rest, (n,), "rest")
-        with np.errstate(all="ignore"):  # what overflows is caught by its result
-            return self._solve(levels, bounds, rest, start)
-
-    def _solve(
-        self, levels: Sequence[Level], bounds: Bounds, rest: Array, start: float
-    ) -> HierarchySolution:
-        n, crossed = rest.size, bounds.lower > bounds.upper
-        middle = 0.5 * bounds.lower + 0.5 * bounds.upper
-        lower = np.where(crossed, middle, bounds.lower)
-        upper = np.where(crossed, middle, bounds.upper)
-        v = np.clip(np.zeros(n), lower, upper)
-        unit = power_of_two(np.concatenate([lower, upper]))
-        cascade = Cascade(
-            v / unit, lower / unit, upper / unit, bounds.C, bounds.d / unit, self.max_rounds
-        )
-        todo = [(x.A if len(x.A) else np.zeros((0, n)), x.b, x.name) for x in levels]
-        todo.append((np.eye(n), rest, "rest"))
-        if self._native is not None:
-            v, found = self._native.solve(todo, lower, upper, bounds, v)
-            route = Route.UNVERIFIED if found else Route.KEPT
-            top = Descent(route, np.zeros(len(cascade.G)), cascade.Z)
-            descents = [top] * len(todo)
-        else:
-            top = self._guarded(cascade, None, None, 0)
-            descents = [self._guarded(cascade, A, b / unit, k) for k, (A, b, _) in enumerate(todo)]
-            v = cascade.v * unit
-        cascade.rescale(unit)
-        cascade.v = v = np.minimum(np.maximum(v, lower), upper)
-        over = cascade.excess()
-        results = tuple(
-            self._result(cascade, done, A, b, A @ v - b, name, over)
-            for done, (A, b, name) in zip(descents, todo, strict=True)
-        )
-        exceeded = np.maximum(bounds.C @ v - bounds.d, 0.0)
-        d = np.where(exceeded > 0.0, bounds.d, 0.0)
-        hard = self._result(cascade, top, bounds.C, d, exceeded, "limits", over)
-        Gv = cascade.G @ v
-        touching = TOUCHING * np.maximum(1.0, np.abs(Gv))
-        at_upper, at_lower = cascade.asked - Gv <= touching, v - lower <= touching[:n]
-        for array in (v, exceeded, at_lower, at_upper, crossed):
-            array.setflags(write=False)
-        elapsed = time.perf_counter() - start
-        return HierarchySolution(
-            v,
-            hard,
-            results[:-1],
-            results[-1],
-            exceeded,
-            at_lower,
-            at_upper,
-            crossed,
-            bounds.names,
-            elapsed,
-        )
-
-    def _guarded(self, cascade: Cascade, A: Array | None, b: Array | None, k: int) -> Descent:
-        """One level of the cascade; a factorisation that fails leaves the level alone."""
-        v, Z = cascade.v, cascade.Z
-        try:
-            if A is None or b is None:
-                done = cascade.satisfy_rows()
-            else:
-                done = cascade.descend(A, b, self._proposer(k) if self._solvers else None)
-            if np.isfinite(cascade.v).all() and np.isfinite(cascade.Z).all():
-                return done
-        except np.linalg.LinAlgError:
-            pass  # an SVD that does not converge; answered below
-        cascade.v, cascade.Z = v, Z
-        return Descent(Route.KEPT, np.zeros(len(cascade.G)), Z)
-
-    def _proposer(self, k: int) -> Any:
-        """The backend for level k; each level has its own, so that warm starts fit."""
-        while len(self._solvers) <= k:
-            self._solvers.append(get_solver(self.backend, **self._options))
-        return lambda problem: propose(self._solvers[k], problem)
-
-    def _result(
-        self,
-        cascade: Cascade,
-        done: Descent,
-        A: Array,
-        b: Array,
-        residual: Array,
-        name: str,
-        over: float,
-    ) -> LevelResult:
-        route, kkt, off = done.route, np.nan, np.abs(residual)
+        blocks = [level.A for level in levels if len(level.A)]
+        A = np.concatenate([*blocks, np.eye(n)])
+        b = np.concatenate([*(level.b for level in levels), rest])
+        ends = np.cumsum([*(level.b.size for level in levels), n])
+        answer = Answer(ends, n, b.size, bounds.d.size)
+        answer.lower[:], answer.upper[:] = bounds.lower, bounds.upper
+        problem = (A, b, ends, bounds.C, bounds.d, guarded)
+        asked: Asked = {}
         if self._native is None:
-            kkt = max(over, cascade.kkt(done, A, b, residual))
-            if route.exact and not kkt <= EXACT:
-                route = Route.UNVERIFIED
-            elif route is Route.UNVERIFIED and kkt <= EXACT:
-                route = Route.ACTIVE_SET
-        reached = bool((off <= REACHED).all())
-        if not reached:
-            terms = np.abs(A) @ np.abs(cascade.v) + np.abs(b)
-            reached = bool((off <= REACHED * np.maximum(1.0, terms)).all())
-        multipliers = done.multipliers * cascade.unit / cascade.norms
-        residual.setflags(write=False)
-        multipliers.setflags(write=False)
-        return LevelResult(
-            name, route, residual, reached, kkt, multipliers, done.rounds, done.backend
-        )
+            answer.summary = _kernel.solve(
+                *problem, self.max_rounds, self.guess(answer), answer.numbers, self.asking(asked)
+            )
+        else:
+            found = self._native.solve(A, b, ends, bounds)
+            answer.numbers[2 * n : 3 * n] = 0.0 if found is None else found
+            answer.summary = _kernel.solve(*problem, 0, self.guess(answer), answer.numbers, None)
+            answer.info[:, 0] = ROUTES.index(Route.KEPT if found is None else Route.UNVERIFIED)
+            answer.info[:, 2] = np.nan
+        answer.close()
+        names = [level.name for level in levels]
+        elapsed = time.perf_counter() - start
+        return HierarchySolution(answer, names, bounds.names, elapsed, asked)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether compiled code solves the levels: everything but ``daqp_levels``."""
+        return self._native is None
+
+    def guess(self, answer: Answer) -> Array:
+        """(levels + 1, n + m) the active set of the last solve; the next one leaves its own."""
+        shape = (answer.ends.size + 1, answer.n + answer.m)
+        found = self._guesses.get(shape)
+        if found is None:
+            found = self._guesses[shape] = np.zeros(shape)
+        return found
+
+    def asking(self, asked: Asked) -> Callable[..., Array] | None:
+        """What compiled code calls for a blocked level; verdicts go into ``asked``."""
+        return partial(self._propose, asked) if self._solvers else None
+
+    def _propose(
+        self,
+        asked: Asked,
+        k: int,
+        M: Array,
+        c: Array,
+        R: Array,
+        lower: Array,
+        upper: Array,
+    ) -> Array:
+        """The backend's guess at the active set of level k: 1 at upper, -1 at lower, 0.
+
+        Each level has a solver of its own, so that warm starts fit.
+        """
+        while len(self._solvers) < k:
+            self._solvers.append(get_solver(self.backend, **self._options))
+        asked[k], z = propose(self._solvers[k - 1], M, c, R, lower, upper)
+        heavy = np.abs(z) > HEAVY * float(np.abs(z).max(initial=0.0))
+        heavy &= np.isfinite(np.where(z > 0.0, upper, lower))
+        return np.where(heavy, np.sign(z), 0.0)
 
 
-def power_of_two(numbers: Array) -> float:
-    """A unit in which the largest finite one is about 1, so that tolerances fit any box."""
-    largest = float(np.max(np.abs(numbers), where=np.isfinite(numbers), initial=0.0))
-    return 2.0 ** round(math.log2(largest)) if 1e-100 < largest < 1e100 else 1.0
-
-
-def propose(solver: QPSolver, problem: LeastSquares) -> QPSolution:
-    """A backend's answer to one level: v is y, z has a signed multiplier for each row.
+def propose(
+    solver: QPSolver, M: Array, c: Array, R: Array, lower: Array, upper: Array
+) -> tuple[Status, Array]:
+    """A backend's verdict on one level, and its signed multiplier for each row of R.
 
     The unknown is scaled by the largest finite bound, and a little regularisation makes the QP
     strictly convex; both only shape a proposal.
     """
-    bounds = np.concatenate([problem.upper, -problem.lower])
+    bounds = np.concatenate([upper, -lower])
     unit = float(np.max(bounds, where=np.isfinite(bounds), initial=0.0)) or 1.0
-    r = problem.M.shape[1]
-    up, low = np.isfinite(problem.upper), np.isfinite(problem.lower)
-    empty = np.zeros(0)
+    r = M.shape[1]
+    up, low = np.isfinite(upper), np.isfinite(lower)
     qp = QP(
-        problem.M.T @ problem.M + _REGULARISATION * np.eye(r),
-        -(problem.M.T @ problem.c) / unit,
+        M.T @ M + _REGULARISATION * np.eye(r),
+        -(M.T @ c) / unit,
         np.zeros((0, r)),
-        empty,
-        np.concatenate([problem.R[up], -problem.R[low]]),
-        np.concatenate([problem.upper[up], -problem.lower[low]]) / unit,
+        np.zeros(0),
+        np.concatenate([R[up], -R[low]]),
+        np.concatenate([upper[up], -lower[low]]) / unit,
         np.full(r, -np.inf),
         np.full(r, np.inf),
     )
     found = solver.solve(qp)
+    z = np.zeros(len(R))
     if found.status is not Status.SOLVED or not np.isfinite(found.v).all():
-        return QPSolution.failed(qp, Status.STOPPED, found.solve_time, found.message)
-    z = np.zeros(len(problem.R))
+        return Status.STOPPED, z
     split = int(up.sum())
     z[up] += found.z[:split]
     z[low] -= found.z[split:]
     z[~np.isfinite(z)] = 0.0
-    return QPSolution(unit * found.v, empty, z, np.zeros(r), Status.SOLVED, found.solve_time)
+    return Status.SOLVED, z

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
@@ -91,9 +92,9 @@ class Route(enum.Enum):
     CLOSED_FORM = "closed form"
     """No bound is in the way. Exact."""
     POLISHED = "polished"
-    """The backend's active set, optimum on it in closed form, verified. Exact."""
+    """The active set of the backend, or of the last cycle, was right: verified. Exact."""
     ACTIVE_SET = "active set"
-    """Own active-set rounds, because there is no backend or its answer failed. Exact."""
+    """Own active-set rounds found the optimum. Exact."""
     UNVERIFIED = "unverified"
     """The best feasible point found; its optimality conditions miss the tolerance."""
     KEPT = "kept"
@@ -132,38 +133,77 @@ class LevelResult:
     backend: Status | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class HierarchySolution:
-    """The lexicographic optimum and an account of it.
+    """The lexicographic optimum and an account of it, made when it is asked for.
 
     Attributes:
         v: (n,) inside the box, always finite.
-        limits: level 0, the hard rows; its residual is ``violation``.
-        levels: one for each level asked.
-        rest: the last level, min |v - v_rest|.
-        violation: (m,) by how much each hard row is exceeded, at least zero, row's unit.
-        at_lower: (n,) unknowns at their lower bound.
-        at_upper: (n + m,) unknowns, then hard rows, at their upper bound (or beyond it).
-        crossed: (n,) unknowns whose lower bound was above the upper one.
         names: (n + m,) of the bounds.
         solve_time: wall-clock time [s]; not reproducible, everything else is.
     """
 
-    v: Array
-    limits: LevelResult
-    levels: tuple[LevelResult, ...]
-    rest: LevelResult
-    violation: Array
-    at_lower: Flags
-    at_upper: Flags
-    crossed: Flags
-    names: tuple[str, ...]
-    solve_time: float
+    __slots__ = ("_answer", "_asked", "_level_names", "names", "solve_time", "v")
+
+    def __init__(
+        self,
+        answer: Answer,
+        level_names: Sequence[str],
+        names: Sequence[str],
+        solve_time: float,
+        asked: Mapping[int, Status] = MappingProxyType({}),
+    ) -> None:
+        self._answer, self._level_names, self._asked = answer, level_names, asked
+        self.v, self.names, self.solve_time = answer.v, names, solve_time
+
+    @property
+    def violation(self) -> Array:
+        """(m,) by how much each hard row is exceeded, at least zero, row's unit."""
+        return self._answer.violation
+
+    @property
+    def summary(self) -> tuple[float, ...]:
+        """See Answer."""
+        return self._answer.summary
+
+    @property
+    def limits(self) -> LevelResult:
+        """The hard rows; its residual is ``violation``."""
+        return self._result(0, "limits", self.violation)
+
+    @property
+    def levels(self) -> tuple[LevelResult, ...]:
+        """One for each level asked."""
+        ends = [0, *(int(end) for end in self._answer.ends)]
+        return tuple(
+            self._result(k + 1, name, self._answer.residual[ends[k] : ends[k + 1]])
+            for k, name in enumerate(self._level_names)
+        )
+
+    @property
+    def rest(self) -> LevelResult:
+        """The last level, min |v - v_rest|."""
+        n = self.v.size
+        return self._result(len(self._answer.info) - 1, "rest", self._answer.residual[-n:])
+
+    @property
+    def at_lower(self) -> Flags:
+        """(n,) unknowns at their lower bound."""
+        return np.asarray(self._answer.touching[0, : self.v.size] > 0.0, dtype=bool)
+
+    @property
+    def at_upper(self) -> Flags:
+        """(n + m,) unknowns, then hard rows, at their upper bound (or beyond it)."""
+        return np.asarray(self._answer.touching[1] > 0.0, dtype=bool)
+
+    @property
+    def crossed(self) -> Flags:
+        """(n,) unknowns whose lower bound was above the upper one."""
+        return np.asarray(self._answer.lower > self._answer.upper, dtype=bool)
 
     @property
     def exact(self) -> bool:
         """Whether every level is answered exactly."""
-        return all(x.route.exact for x in (self.limits, *self.levels, self.rest))
+        return self._answer.exact
 
     @property
     def limits_hold(self) -> bool:
@@ -172,11 +212,102 @@ class HierarchySolution:
 
     def active(self) -> dict[str, str]:
         """Names of the bounds that v touches: ``{"joint_2": "upper", "cone 4": "upper"}``."""
-        lower = {self.names[i]: "lower" for i in np.flatnonzero(self.at_lower)}
-        return lower | {self.names[i]: "upper" for i in np.flatnonzero(self.at_upper)}
+        lower = {self.names[i]: "lower" for i in np.flatnonzero(self.at_lower).tolist()}
+        return lower | {self.names[i]: "upper" for i in np.flatnonzero(self.at_upper).tolist()}
 
     def blocking(self, level: LevelResult) -> dict[str, float]:
         """What keeps a level from its goal, heaviest first: names and multipliers."""
         order = np.argsort(-np.abs(level.multipliers), kind="stable")
         weights = ((self.names[i], float(level.multipliers[i])) for i in order)
         return {name: weight for name, weight in weights if weight}
+
+    def _result(self, k: int, name: str, residual: Array) -> LevelResult:
+        route, rounds, kkt, reached = self._answer.info[k]
+        return LevelResult(
+            name,
+            ROUTES[int(route)],
+            residual,
+            bool(reached),
+            float(kkt),
+            self._answer.multipliers[k],
+            int(rounds),
+            self._asked.get(k),
+        )
+
+
+ROUTES = tuple(Route)
+"""In the order of their numbers in compiled code."""
+
+
+class Answer:
+    """Numbers of one solve, as compiled code leaves them; new ones each time.
+
+    Attributes:
+        numbers: all of them in one array, in the order of the properties.
+        ends: (levels,) where each level's rows end; the last level is the rest.
+        n: unknowns.
+        m: hard rows.
+        summary: |A v - b| of each level but the rest; whether all is exact; joints at a bound;
+            largest excess of a hard row; largest KKT residual of a level.
+        v: (n,).
+    """
+
+    __slots__ = ("ends", "m", "n", "numbers", "summary", "v")
+
+    def __init__(self, ends: NDArray[np.int64], n: int, rows: int, m: int) -> None:
+        bounds, count = n + m, ends.size + 1
+        self.ends, self.n, self.m = ends, n, m
+        self.numbers = np.empty(3 * n + rows + m + 2 * bounds + count * (bounds + 4))
+        self.summary: tuple[float, ...] = ()
+
+    def close(self) -> None:
+        """Make everything read-only, and v."""
+        self.numbers.setflags(write=False)
+        self.v: Array = self.numbers[2 * self.n : 3 * self.n]
+
+    @property
+    def lower(self) -> Array:
+        """(n,) the box as asked."""
+        return self.numbers[: self.n]
+
+    @property
+    def upper(self) -> Array:
+        """(n,)."""
+        return self.numbers[self.n : 2 * self.n]
+
+    @property
+    def residual(self) -> Array:
+        """(rows,) A v - b of all levels."""
+        return self._part(3 * self.n, int(self.ends[-1]))
+
+    @property
+    def violation(self) -> Array:
+        """(m,) by how much each hard row is exceeded."""
+        return self._part(3 * self.n + int(self.ends[-1]), self.m)
+
+    @property
+    def touching(self) -> Array:
+        """(2, n + m) 1 where v is at the lower, at the upper bound."""
+        bounds = self.n + self.m
+        return self._part(3 * self.n + int(self.ends[-1]) + self.m, 2 * bounds).reshape(2, bounds)
+
+    @property
+    def multipliers(self) -> Array:
+        """(levels + 1, n + m); index 0 is the hard rows."""
+        bounds, count = self.n + self.m, self.ends.size + 1
+        start = self.numbers.size - count * (bounds + 4)
+        return self._part(start, count * bounds).reshape(count, bounds)
+
+    @property
+    def info(self) -> Array:
+        """(levels + 1, 4) route, rounds, KKT residual, whether reached."""
+        count = self.ends.size + 1
+        return self.numbers[-4 * count :].reshape(count, 4)
+
+    @property
+    def exact(self) -> bool:
+        """Whether every level is answered exactly."""
+        return bool((self.info[:, 0] < ROUTES.index(Route.UNVERIFIED)).all())
+
+    def _part(self, start: int, size: int) -> Array:
+        return self.numbers[start : start + size]

@@ -1,0 +1,38 @@
+/* Python arguments: float64 and int64 arrays, C-contiguous, of the sizes that are expected. */
+#ifndef RCMQP_ARRAYS_H
+#define RCMQP_ARRAYS_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#define NPY_NO_DEPRECATED_API NPY_1_7_API_VERSION
+#define PY_ARRAY_UNIQUE_SYMBOL rcmqp_ARRAY_API
+#include <numpy/arrayobject.h>
+
+#include "linalg.h"
+
+/* The numbers of an array of `size` numbers (-1: any); NULL, with a Python error, if it is not. */
+static inline void *numbers_of(PyObject *object, int type, npy_intp size, const char *name)
+{
+    PyArrayObject *array = (PyArrayObject *)object;
+    if (!PyArray_Check(object) || PyArray_TYPE(array) != type || !PyArray_IS_C_CONTIGUOUS(array)) {
+        PyErr_Format(PyExc_TypeError, "%s must be a C-contiguous array of %s", name,
+                     type == NPY_DOUBLE ? "float64" : "int64");
+        return NULL;
+    }
+    if (size >= 0 && PyArray_SIZE(array) != size) {
+        PyErr_Format(PyExc_ValueError, "%s has %zd numbers, expected %zd", name,
+                     (Py_ssize_t)PyArray_SIZE(array), (Py_ssize_t)size);
+        return NULL;
+    }
+    return PyArray_DATA(array);
+}
+
+static inline npy_intp size_of(PyObject *object)
+{
+    return PyArray_Check(object) ? PyArray_SIZE((PyArrayObject *)object) : -1;
+}
+
+/* Scratch of at least `count` numbers, the same memory for every call: the GIL is held. */
+Arena *scratch(size_t count);
+
+#endif

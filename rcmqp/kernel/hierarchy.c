@@ -1,0 +1,308 @@
+#include "hierarchy.h"
+
+#include <math.h>
+#include <string.h>
+
+/* A level is reached if its residual is below this, relative to the level's numbers. */
+#define REACHED_TOL 1e-9
+
+/* A bound this near counts as active, relative to its size where that is above one. */
+#define TOUCHING_TOL 1e-9
+
+/* Closed forms may exceed a bound by this, relative to its size, before v is clipped into it. */
+#define CLIPPED 1e-12
+
+/* A level whose KKT residual is above this is not called exact. */
+#define EXACT 1e-8
+
+/* What the descent works on, in units of `unit`, a power of two in which the largest bound is
+ * about 1, so that tolerances fit any box. */
+typedef struct {
+    State state;
+    double unit;
+    double *goal; /* (rows) b */
+    double *Zs;   /* (levels + 1, n, n) what was free before each level */
+    int *frees;   /* (levels + 1) how many columns of each count */
+} Descent;
+
+/* Numbers of scratch memory that solve_hierarchy() never exceeds. */
+size_t memory_for(int n, int m, int rows, int levels)
+{
+    const size_t unknowns = (size_t)n + 8, all = unknowns + (size_t)m + (size_t)rows + 8;
+    return 64 * all * unknowns + 4 * all * all + ((size_t)levels + 8) * unknowns * unknowns + 4096;
+}
+
+static int first_row(const Hierarchy *hierarchy, int k)
+{
+    return k > 1 ? (int)hierarchy->ends[k - 2] : 0;
+}
+
+static int rows_of(const Hierarchy *hierarchy, int k)
+{
+    return (int)hierarchy->ends[k - 1] - first_row(hierarchy, k);
+}
+
+/* Scale the problem; start in the box, as near to zero as may be. */
+static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
+{
+    const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
+    const int rows = (int)hierarchy->ends[levels - 1];
+    Descent made = {{n, N, 0, v, take(arena, n * n), take(arena, N * n), take(arena, N),
+                     take(arena, N), take(arena, N)},
+                    1.0, take(arena, rows), take(arena, (levels + 1) * n * n),
+                    (int *)take(arena, levels + 1)};
+    State *state = &made.state;
+    double largest = 0.0;
+    for (int i = 0; i < n; ++i) {
+        const double low = fabs(hierarchy->lower[i]), up = fabs(hierarchy->upper[i]);
+        if (low < INFINITY) largest = larger(largest, low);
+        if (up < INFINITY) largest = larger(largest, up);
+    }
+    if (largest > 1e-100 && largest < 1e100) made.unit = exp2(rint(log2(largest)));
+    memset(state->G, 0, sizeof(double) * (size_t)(n * n));
+    memset(state->Z, 0, sizeof(double) * (size_t)(n * n));
+    for (int i = 0; i < n; ++i) {
+        double low = hierarchy->lower[i] / made.unit, up = hierarchy->upper[i] / made.unit;
+        if (low > up) low = up = 0.5 * low + 0.5 * up;
+        state->lower[i] = low, state->upper[i] = up;
+        state->norms[i] = state->G[i * n + i] = 1.0;
+        if (low < up) state->Z[i * n + state->free++] = 1.0;
+        if (hierarchy->max_rounds == 0)
+            v[i] /= made.unit;
+        else
+            v[i] = smaller(larger(0.0, low), up);
+    }
+    for (int i = 0; i < hierarchy->m; ++i) {
+        const double norm = norm_of(hierarchy->C + i * n, n), by = norm > 0.0 ? norm : 1.0;
+        for (int j = 0; j < n; ++j) state->G[(n + i) * n + j] = hierarchy->C[i * n + j] / by;
+        state->norms[n + i] = norm, state->lower[n + i] = -INFINITY;
+        state->upper[n + i] = hierarchy->d[i] / made.unit / by;
+    }
+    for (int i = 0; i < rows; ++i) made.goal[i] = hierarchy->b[i] / made.unit;
+    return made;
+}
+
+static void keep_free(Descent *descent, int k)
+{
+    const State *state = &descent->state;
+    const int square = state->n * state->n;
+    descent->frees[k] = state->free;
+    memcpy(descent->Zs + k * square, state->Z, sizeof(double) * (size_t)square);
+}
+
+/* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all;
+ * otherwise v is where it leads, brought into the box. */
+static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = hierarchy->n, N = descent->state.N, square = n * n;
+    double *start = take(arena, n), *Z = take(arena, square), *none = take(arena, N);
+    State open = descent->state;
+    int fits = 1, rounds;
+    memcpy(start, open.v, sizeof(double) * (size_t)n);
+    memcpy(Z, open.Z, sizeof(double) * (size_t)square);
+    open.N = 0; /* no bounds */
+    for (int k = 0; k <= hierarchy->levels && fits; ++k) {
+        descent->frees[k] = open.free;
+        memcpy(descent->Zs + k * square, open.Z, sizeof(double) * (size_t)square);
+        if (k == 0) continue;
+        const int first = first_row(hierarchy, k);
+        fits = descend(&open, hierarchy->A + first * n, descent->goal + first,
+                       rows_of(hierarchy, k), 1, none, 1, none, &rounds, arena) == CLOSED_FORM;
+    }
+    memcpy(open.Z, Z, sizeof(double) * (size_t)square);
+    for (int i = 0; i < n; ++i) fits = fits && fabs(open.v[i]) < LARGEST;
+    if (!fits) {
+        memcpy(open.v, start, sizeof(double) * (size_t)n);
+        arena->used = mark;
+        return 0;
+    }
+    for (int i = 0; i < N; ++i) {
+        const double Gv = dot(open.G + i * n, open.v, n), room = CLIPPED * larger(1.0, fabs(Gv));
+        if (!(Gv <= open.upper[i] + room && Gv >= open.lower[i] - room)) fits = 0;
+    }
+    for (int i = 0; i < n; ++i)
+        open.v[i] = smaller(larger(open.v[i], open.lower[i]), open.upper[i]);
+    arena->used = mark;
+    return fits;
+}
+
+static int is_finite(const State *state)
+{
+    for (int i = 0; i < state->n; ++i) {
+        if (!(fabs(state->v[i]) < INFINITY)) return 0;
+        for (int j = 0; j < state->free; ++j)
+            if (!(fabs(state->Z[i * state->n + j]) < INFINITY)) return 0;
+    }
+    return 1;
+}
+
+/* Level after level; 0 is the hard rows, which come after `after` others. */
+static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, double *guess,
+                      Solution *solution, Proposer propose, void *backend, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = hierarchy->n, N = descent->state.N;
+    State *state = &descent->state;
+    double *before = take(arena, n), *asked = take(arena, N), *proposed = take(arena, N);
+    int *index = (int *)take(arena, N);
+    memcpy(asked, state->upper, sizeof(double) * (size_t)N);
+    for (int step = 0; step <= hierarchy->levels; ++step) {
+        const int k = step < after ? step + 1 : (step == after ? 0 : step);
+        double *multipliers = solution->multipliers + k * N;
+        double *info = solution->info + k * COLUMNS;
+        int rounds = 0;
+        Route route;
+        for (int i = n; i < N && step <= after; ++i)
+            state->upper[i] = step < after ? INFINITY : asked[i];
+        keep_free(descent, k);
+        memcpy(before, state->v, sizeof(double) * (size_t)n);
+        memcpy(proposed, guess + k * N, sizeof(double) * (size_t)N);
+        if (k == 0) {
+            route = satisfy_rows(state, hierarchy->max_rounds, multipliers, &rounds, arena);
+        } else {
+            const int first = first_row(hierarchy, k), m = rows_of(hierarchy, k);
+            const double *A = hierarchy->A + first * n, *b = descent->goal + first;
+            route = descend(state, A, b, m, hierarchy->max_rounds, proposed, propose != NULL,
+                            multipliers, &rounds, arena);
+            if (route == BLOCKED) {
+                const size_t inner = arena->used;
+                Problem problem;
+                make_problem(state, A, b, m, &problem, index, arena);
+                if (propose(backend, k, &problem, index, proposed) < 0) return -1;
+                arena->used = inner;
+                route = descend(state, A, b, m, hierarchy->max_rounds, proposed, 0, multipliers,
+                                &rounds, arena);
+            }
+        }
+        if (!is_finite(state)) {
+            route = KEPT, state->free = descent->frees[k];
+            memcpy(state->v, before, sizeof(double) * (size_t)n);
+            memcpy(state->Z, descent->Zs + k * n * n, sizeof(double) * (size_t)(n * n));
+        }
+        info[ROUTE] = (double)route, info[ROUNDS] = (double)rounds;
+        for (int i = 0; i < N; ++i)
+            guess[k * N + i] = (double)((multipliers[i] > 0.0) - (multipliers[i] < 0.0));
+    }
+    arena->used = mark;
+    return 0;
+}
+
+/* Rows (m, n) at v: A v - b; returns whether all are zero (or, for `under`, not above zero). */
+static int residual_of(const double *A, const double *b, int m, const double *v, int n, int under,
+                       double *residual)
+{
+    int reached = 1;
+    for (int i = 0; i < m; ++i) {
+        double total = -b[i], terms = fabs(b[i]);
+        for (int p = 0; p < n; ++p) {
+            const double term = A[i * n + p] * v[p];
+            total += term, terms += fabs(term);
+        }
+        residual[i] = under ? larger(total, 0.0) : total;
+        if (!(fabs(residual[i]) <= REACHED_TOL * larger(1.0, terms))) reached = 0;
+    }
+    return reached;
+}
+
+/* Back to the caller's unit; residuals, what is touched, and the proof, level by level. */
+static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solution, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = hierarchy->n, m = hierarchy->m, N = n + m;
+    const double unit = descent->unit, small = smaller(1.0, unit);
+    State *state = &descent->state;
+    double *goal = take(arena, m), *v = solution->v, over = 0.0, size = 0.0;
+    for (int i = 0; i < N; ++i) state->lower[i] *= unit, state->upper[i] *= unit;
+    for (int i = 0; i < n; ++i)
+        v[i] = smaller(larger(v[i] * unit, state->lower[i]), state->upper[i]);
+    for (int i = 0; i < N; ++i) {
+        const double Gv = dot(state->G + i * n, v, n), room = TOUCHING_TOL * larger(1.0, fabs(Gv));
+        const double by = state->norms[i] > 0.0 ? state->norms[i] : 1.0;
+        const double asked = i < n ? state->upper[i] : hierarchy->d[i - n] / by;
+        size = larger(size, fabs(Gv));
+        over = larger(over, larger(Gv - state->upper[i], state->lower[i] - Gv));
+        solution->touching[i] = Gv - state->lower[i] <= room;
+        solution->touching[N + i] = asked - Gv <= room;
+    }
+    over /= larger(small, size);
+    solution->info[REACHED] =
+        residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, solution->violation);
+    for (int i = 0; i < m; ++i) goal[i] = solution->violation[i] > 0.0 ? hierarchy->d[i] : 0.0;
+    for (int k = 0; k <= hierarchy->levels; ++k) {
+        double *info = solution->info + k * COLUMNS, *multipliers = solution->multipliers + k * N;
+        const double *Z = descent->Zs + k * n * n;
+        double kkt;
+        for (int i = 0; i < N; ++i) multipliers[i] *= unit;
+        if (k == 0) {
+            kkt = kkt_residual(state, hierarchy->C, goal, m, solution->violation, multipliers, Z,
+                               descent->frees[k], small, arena);
+        } else {
+            const int first = first_row(hierarchy, k), rows = rows_of(hierarchy, k);
+            const double *A = hierarchy->A + first * n, *b = hierarchy->b + first;
+            double *residual = solution->residual + first;
+            info[REACHED] = residual_of(A, b, rows, v, n, 0, residual);
+            kkt = kkt_residual(state, A, b, rows, residual, multipliers, Z, descent->frees[k],
+                               small, arena);
+        }
+        info[KKT] = kkt = larger(kkt, over);
+        if (info[ROUTE] <= ACTIVE_SET && !(kkt <= EXACT)) info[ROUTE] = UNVERIFIED;
+        if (info[ROUTE] == UNVERIFIED && kkt <= EXACT) info[ROUTE] = ACTIVE_SET;
+        for (int i = n; i < N; ++i)
+            if (state->norms[i] > 0.0) multipliers[i] /= state->norms[i];
+    }
+    arena->used = mark;
+}
+
+/* The optimum with the hard rows after `after` levels. Returns 0, or -1 where a backend raised. */
+static int solve_once(const Hierarchy *hierarchy, int after, double *guess, Solution *solution,
+                      Proposer propose, void *backend, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int N = hierarchy->n + hierarchy->m, count = hierarchy->levels + 1;
+    Descent descent = scaled(hierarchy, solution->v, arena);
+    memset(solution->multipliers, 0, sizeof(double) * (size_t)(count * N));
+    memset(solution->info, 0, sizeof(double) * (size_t)(count * COLUMNS));
+    int failed = 0;
+    if (hierarchy->max_rounds == 0) {
+        for (int k = 0; k < count; ++k) keep_free(&descent, k);
+    } else if (!closed_form(hierarchy, &descent, arena)) {
+        failed = one_by_one(hierarchy, after, &descent, guess, solution, propose, backend, arena);
+    }
+    if (!failed) account(hierarchy, &descent, solution, arena);
+    arena->used = mark;
+    return failed;
+}
+
+static int guarded_reached(const Hierarchy *hierarchy, const Solution *solution)
+{
+    for (int k = 1; k <= hierarchy->guarded; ++k)
+        if (solution->info[k * COLUMNS + REACHED] == 0.0) return 0;
+    return 1;
+}
+
+/* Whether a hard row is exceeded, or holds back a guarded level. */
+static int rows_in_the_way(const Hierarchy *hierarchy, const Solution *solution)
+{
+    const int n = hierarchy->n, N = n + hierarchy->m;
+    if (solution->info[REACHED] == 0.0) return 1;
+    for (int k = 0; k <= hierarchy->guarded; ++k)
+        for (int i = n; i < N; ++i)
+            if (solution->multipliers[k * N + i] != 0.0) return 1;
+    return 0;
+}
+
+/* The lexicographic optimum and the account of it. guess (levels + 1, N): the active set to try
+ * first, and the one found. Returns 0, or -1 where the backend raised. */
+int solve_hierarchy(const Hierarchy *hierarchy, double *guess, Solution *solution,
+                    Proposer propose, void *backend, Arena *arena)
+{
+    const int guarded = hierarchy->guarded;
+    if (solve_once(hierarchy, 0, guess, solution, propose, backend, arena)) return -1;
+    if (hierarchy->max_rounds == 0 || guarded_reached(hierarchy, solution) ||
+        !rows_in_the_way(hierarchy, solution))
+        return 0;
+    if (solve_once(hierarchy, guarded, guess, solution, propose, backend, arena)) return -1;
+    if (guarded_reached(hierarchy, solution)) return 0;
+    return solve_once(hierarchy, 0, guess, solution, propose, backend, arena);
+}

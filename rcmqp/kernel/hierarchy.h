@@ -1,0 +1,54 @@
+/* The whole strict hierarchy in one call.
+ *
+ * Levels come stacked: rows ends[k - 1] to ends[k] of A and b are level k, the last level is the
+ * rest. Results: index 0 is the hard rows, 1 the first level.
+ *
+ * First, all levels are tried in closed form as if there were no bounds: where the result keeps
+ * them, it is the optimum. Otherwise levels go one by one.
+ */
+#ifndef RCMQP_HIERARCHY_H
+#define RCMQP_HIERARCHY_H
+
+#include "cascade.h"
+
+#include <stdint.h>
+
+/* Columns of `info`. */
+enum { ROUTE, ROUNDS, KKT, REACHED, COLUMNS };
+
+/* What is asked; no NaN. */
+typedef struct {
+    int n, m, levels;     /* unknowns, hard rows, levels with the rest */
+    const double *A;      /* (rows, n) of all levels, the rest the last */
+    const double *b;      /* (rows) */
+    const int64_t *ends;  /* (levels) where each level's rows end */
+    const double *lower;  /* (n) */
+    const double *upper;  /* (n) */
+    const double *C;      /* (m, n) hard rows C v <= d */
+    const double *d;      /* (m) */
+    int guarded;          /* how many of the first levels hard rows may not keep from their goal:
+                             where the box alone lets these be reached, the rows come after them */
+    int max_rounds;       /* of the active set, for each level; 0: account for v as it is */
+} Hierarchy;
+
+/* What is answered. */
+typedef struct {
+    double *v;           /* (n) inside the box, finite */
+    double *residual;    /* (rows) A v - b */
+    double *violation;   /* (m) by how much each hard row is exceeded */
+    double *touching;    /* (2, N) 1 where v is at the lower, at the upper bound */
+    double *multipliers; /* (levels + 1, N) in the rows' own units, positive at upper bounds */
+    double *info;        /* (levels + 1, COLUMNS) */
+} Solution;
+
+/* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in guess
+ * (N). Returns 0, or -1 where a Python error is set. */
+typedef int (*Proposer)(void *backend, int level, const Problem *problem, const int *rows,
+                        double *guess);
+
+size_t memory_for(int n, int m, int rows, int levels);
+
+int solve_hierarchy(const Hierarchy *hierarchy, double *guess, Solution *solution,
+                    Proposer propose, void *backend, Arena *arena);
+
+#endif

@@ -1,0 +1,257 @@
+/* solve() and step(): the hierarchy for Python. */
+
+#define NO_IMPORT_ARRAY
+#include "arrays.h"
+#include "hierarchy.h"
+#include "rows.h"
+
+#include <math.h>
+
+static PyObject *copied(const double *numbers, int rows, int columns)
+{
+    npy_intp shape[2] = {rows, columns < 0 ? 0 : columns};
+    PyObject *array = PyArray_SimpleNew(columns < 0 ? 1 : 2, shape, NPY_DOUBLE);
+    if (array != NULL)
+        memcpy(PyArray_DATA((PyArrayObject *)array), numbers,
+               sizeof(double) * (size_t)rows * (size_t)(columns < 0 ? 1 : columns));
+    return array;
+}
+
+/* backend(level, M, c, R, lower, upper) -> 1, -1 or 0 for each row of R, as float64. */
+static int ask(void *backend, int level, const Problem *problem, const int *rows, double *guess)
+{
+    const int m = problem->m, r = problem->r, k = problem->k;
+    PyObject *answer = PyObject_CallFunction(
+        backend, "iNNNNN", level, copied(problem->M, m, r), copied(problem->c, m, -1),
+        copied(problem->R, k, r), copied(problem->lower, k, -1), copied(problem->upper, k, -1));
+    if (answer == NULL) return -1;
+    const double *sides = numbers_of(answer, NPY_DOUBLE, k, "the backend's active set");
+    for (int i = 0; sides != NULL && i < k; ++i) guess[rows[i]] = sides[i];
+    Py_DECREF(answer);
+    return sides == NULL ? -1 : 0;
+}
+
+/* What a run records of a solve: the norm of each level's residual but the rest's; whether all is
+ * exact; joints at a bound; the largest excess of a hard row; the largest KKT residual. */
+static PyObject *summary(const Hierarchy *hierarchy, const Solution *solution)
+{
+    const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
+    int exact = 1, bounded = 0, first = 0;
+    double excess = 0.0, kkt = 0.0;
+    PyObject *numbers = PyTuple_New(levels + 3);
+    if (numbers == NULL) return NULL;
+    for (int k = 0; k <= levels; ++k) {
+        if (!(solution->info[k * COLUMNS + ROUTE] < UNVERIFIED)) exact = 0;
+        if (k > 0 && !(solution->info[k * COLUMNS + KKT] <= kkt))
+            kkt = solution->info[k * COLUMNS + KKT];
+        if (k == 0 || k == levels) continue;
+        const int last = (int)hierarchy->ends[k - 1];
+        const double norm = norm_of(solution->residual + first, last - first);
+        PyTuple_SET_ITEM(numbers, k - 1, PyFloat_FromDouble(norm));
+        first = last;
+    }
+    for (int i = 0; i < n; ++i)
+        if (solution->touching[i] > 0.0 || solution->touching[N + i] > 0.0) ++bounded;
+    for (int i = 0; i < hierarchy->m; ++i) excess = larger(excess, solution->violation[i]);
+    PyTuple_SET_ITEM(numbers, levels - 1, PyFloat_FromDouble(exact));
+    PyTuple_SET_ITEM(numbers, levels, PyFloat_FromDouble(bounded));
+    PyTuple_SET_ITEM(numbers, levels + 1, PyFloat_FromDouble(excess));
+    PyTuple_SET_ITEM(numbers, levels + 2, PyFloat_FromDouble(kkt));
+    return numbers;
+}
+
+/* The numbers of an Answer (qp/levels.py), in its order; `box` is where lower and upper stand. */
+static int parts_of(PyObject *numbers, const Hierarchy *hierarchy, double **box,
+                    Solution *solution)
+{
+    const npy_intp n = hierarchy->n, m = hierarchy->m, N = n + m, count = hierarchy->levels + 1;
+    const npy_intp rows = (npy_intp)hierarchy->ends[count - 2];
+    const npy_intp size = 3 * n + rows + m + 2 * N + count * (N + COLUMNS);
+    double *at = numbers_of(numbers, NPY_DOUBLE, size, "the answer's numbers");
+    if (at == NULL) return 0;
+    *box = at;
+    solution->v = at += 2 * n;
+    solution->residual = at += n;
+    solution->violation = at += rows;
+    solution->touching = at += m;
+    solution->multipliers = at += 2 * N;
+    solution->info = at + count * N;
+    return 1;
+}
+
+/* The last three arguments: guess, the numbers of an answer, and the backend. */
+static PyObject *solved(Hierarchy *hierarchy, PyObject *const *args, Arena *arena)
+{
+    const npy_intp N = hierarchy->n + hierarchy->m, levels = hierarchy->levels;
+    double *guess = numbers_of(args[0], NPY_DOUBLE, (levels + 1) * N, "guess"), *box;
+    Solution solution;
+    if (guess == NULL || !parts_of(args[1], hierarchy, &box, &solution)) return NULL;
+    const int asks = args[2] != Py_None;
+    if (solve_hierarchy(hierarchy, guess, &solution, asks ? ask : NULL, args[2], arena))
+        return NULL;
+    return summary(hierarchy, &solution);
+}
+
+/* Scratch for a solve: the module's, or, where a backend may call back into it, one's own. */
+static PyObject *with_scratch(Hierarchy *hierarchy, size_t more, PyObject *const *args,
+                              PyObject *(*run)(Hierarchy *, PyObject *const *, Arena *))
+{
+    const int rows = (int)hierarchy->ends[hierarchy->levels - 1];
+    const size_t count =
+        more + memory_for(hierarchy->n, hierarchy->m, rows, hierarchy->levels);
+    if (args[2] == Py_None) {
+        Arena *arena = scratch(count);
+        return arena == NULL ? NULL : run(hierarchy, args, arena);
+    }
+    Arena own = {PyMem_RawMalloc(sizeof(double) * count), 0};
+    if (own.memory == NULL) return PyErr_NoMemory();
+    PyObject *result = run(hierarchy, args, &own);
+    PyMem_RawFree(own.memory);
+    return result;
+}
+
+static int check_levels(const Hierarchy *hierarchy, npy_intp rows)
+{
+    int64_t last = 0;
+    int rising = hierarchy->levels >= 1;
+    for (int k = 0; k < hierarchy->levels; ++k) {
+        if (hierarchy->ends[k] < last) rising = 0;
+        last = hierarchy->ends[k];
+    }
+    if (rising && last == rows && hierarchy->guarded >= 0 &&
+        hierarchy->guarded <= hierarchy->levels)
+        return 1;
+    PyErr_SetString(PyExc_ValueError, "ends must rise to the number of rows, and guarded be at "
+                                      "most the number of levels");
+    return 0;
+}
+
+/* solve(A, b, ends, C, d, guarded, max_rounds, guess, numbers, backend); the box stands in the
+ * numbers of the answer. */
+PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (count != 10) {
+        PyErr_Format(PyExc_TypeError, "solve() takes 10 arguments, %zd given", count);
+        return NULL;
+    }
+    const npy_intp m = size_of(args[4]), rows = size_of(args[1]);
+    const npy_intp n = rows > 0 ? size_of(args[0]) / rows : 0;
+    Hierarchy hierarchy = {
+        (int)n,
+        (int)m,
+        (int)size_of(args[2]),
+        numbers_of(args[0], NPY_DOUBLE, rows * n, "A"),
+        numbers_of(args[1], NPY_DOUBLE, rows, "b"),
+        numbers_of(args[2], NPY_INT64, -1, "ends"),
+        NULL,
+        NULL,
+        numbers_of(args[3], NPY_DOUBLE, m * n, "C"),
+        numbers_of(args[4], NPY_DOUBLE, m, "d"),
+        (int)PyLong_AsLong(args[5]),
+        (int)PyLong_AsLong(args[6]),
+    };
+    double *box;
+    Solution solution;
+    if (PyErr_Occurred() || !check_levels(&hierarchy, rows)) return NULL;
+    if (!parts_of(args[8], &hierarchy, &box, &solution)) return NULL;
+    hierarchy.lower = box, hierarchy.upper = box + n;
+    return with_scratch(&hierarchy, 0, args + 7, solved);
+}
+
+/* The program's side of a cycle, from tasks and limits to a Hierarchy. */
+typedef struct {
+    Hierarchy hierarchy; /* first, so that run_program() finds the rest */
+    Cycle cycle;
+    const double *tasks, *vectors, *limits;
+    int task_count, limit_count;
+} Program;
+
+static PyObject *run_program(Hierarchy *hierarchy, PyObject *const *args, Arena *arena)
+{
+    const Program *program = (const Program *)hierarchy;
+    const Cycle *cycle = &program->cycle;
+    const int n = hierarchy->n, rows = (int)hierarchy->ends[hierarchy->levels - 1];
+    double *A = take(arena, rows * n), *b = take(arena, rows);
+    double *C = take(arena, hierarchy->m * n), *d = take(arena, hierarchy->m);
+    double *lower, *upper;
+    Solution solution;
+    int at = 0;
+    if (!parts_of(args[1], hierarchy, &lower, &solution)) return NULL;
+    upper = lower + n;
+    for (int k = 0; k < program->task_count; ++k) {
+        const double *line = program->tasks + k * TASK_NUMBERS;
+        task_rows(cycle, line, program->vectors + 2 * k * n, A + at * n, b + at, arena);
+        at += rows_of_task(line, n);
+    }
+    memset(A + at * n, 0, sizeof(double) * (size_t)(n * n));
+    for (int i = 0; i < n; ++i) {
+        A[(at + i) * n + i] = 1.0, b[at + i] = 0.0;
+        lower[i] = -INFINITY, upper[i] = INFINITY;
+    }
+    at = 0;
+    for (int k = 0; k < program->limit_count; ++k) {
+        const double *line = program->limits + k * LIMIT_NUMBERS;
+        limit_rows(cycle, line, lower, upper, C + at * n, d + at);
+        at += rows_of_limit(line);
+    }
+    hierarchy->A = A, hierarchy->b = b, hierarchy->C = C, hierarchy->d = d;
+    hierarchy->lower = lower, hierarchy->upper = upper;
+    return solved(hierarchy, args, arena);
+}
+
+/* step(tasks, vectors, ends, limits, joints, guarded, max_rounds, x, J_local, angles, v, x_d,
+ *      x_d_dot, pivot, pivot_dot, guess, numbers, backend) */
+PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (count != 18) {
+        PyErr_Format(PyExc_TypeError, "step() takes 18 arguments, %zd given", count);
+        return NULL;
+    }
+    const npy_intp n = size_of(args[9]);
+    Program program = {0};
+    Hierarchy *hierarchy = &program.hierarchy;
+    program.tasks = numbers_of(args[0], NPY_DOUBLE, -1, "tasks");
+    program.task_count = (int)(size_of(args[0]) / TASK_NUMBERS);
+    program.vectors = numbers_of(args[1], NPY_DOUBLE, 2 * n * program.task_count, "vectors");
+    program.limits = numbers_of(args[3], NPY_DOUBLE, -1, "limits");
+    program.limit_count = (int)(size_of(args[3]) / LIMIT_NUMBERS);
+    program.cycle = (Cycle){
+        .n = (int)n,
+        .x = numbers_of(args[7], NPY_DOUBLE, 8, "x"),
+        .J = numbers_of(args[8], NPY_DOUBLE, 6 * n, "J_local"),
+        .angles = numbers_of(args[9], NPY_DOUBLE, n, "angles"),
+        .v = numbers_of(args[10], NPY_DOUBLE, n, "v"),
+        .x_d = numbers_of(args[11], NPY_DOUBLE, 8, "x_d"),
+        .x_d_dot = numbers_of(args[12], NPY_DOUBLE, 8, "x_d_dot"),
+        .pivot = numbers_of(args[13], NPY_DOUBLE, 3, "pivot"),
+        .pivot_dot = numbers_of(args[14], NPY_DOUBLE, 3, "pivot_dot"),
+        .joints = numbers_of(args[4], NPY_DOUBLE, 4 * n, "joints"),
+    };
+    hierarchy->n = (int)n, hierarchy->levels = (int)size_of(args[2]);
+    hierarchy->ends = numbers_of(args[2], NPY_INT64, -1, "ends");
+    hierarchy->guarded = (int)PyLong_AsLong(args[5]);
+    hierarchy->max_rounds = (int)PyLong_AsLong(args[6]);
+    if (PyErr_Occurred()) return NULL;
+    npy_intp rows = n;
+    int known = 1;
+    for (int k = 0; k < program.task_count; ++k) {
+        const int more = rows_of_task(program.tasks + k * TASK_NUMBERS, (int)n);
+        known = known && more >= 0;
+        rows += more;
+    }
+    for (int k = 0; k < program.limit_count; ++k) {
+        const int more = rows_of_limit(program.limits + k * LIMIT_NUMBERS);
+        known = known && more >= 0;
+        hierarchy->m += more;
+    }
+    if (!known) {
+        PyErr_SetString(PyExc_ValueError, "a task or limit of an unknown kind");
+        return NULL;
+    }
+    if (!check_levels(hierarchy, rows)) return NULL;
+    see(&program.cycle);
+    const size_t more = (size_t)((rows + hierarchy->m + 12) * (n + 1) + 2 * n * n);
+    return with_scratch(hierarchy, more, args + 15, run_program);
+}

@@ -1,0 +1,46 @@
+/* Small dense factorisations: pivoted Householder, least squares, nonnegative least squares.
+ *
+ * Sizes are those of an arm, so loops are plain and every answer is refined once. Matrices are
+ * row-major and packed: A (k, r) has its element (i, j) at A[i * r + j].
+ */
+#ifndef RCMQP_LINALG_H
+#define RCMQP_LINALG_H
+
+#include <stddef.h>
+
+/* Rows with less than this left of them are dependent. Matrices come scaled by the norm of their
+ * level's matrix A (not by their own: all that earlier levels left of A may be rounding). */
+#define RANK_TOL 1e-10
+
+/* Scratch memory: take() from it, and put `used` back where it was when done. */
+typedef struct {
+    double *memory;
+    size_t used;
+} Arena;
+
+static inline double *take(Arena *arena, int count)
+{
+    double *found = arena->memory + arena->used;
+    arena->used += (size_t)(count > 0 ? count : 0);
+    return found;
+}
+
+static inline double dot(const double *a, const double *b, int n)
+{
+    double total = 0.0;
+    for (int i = 0; i < n; ++i) total += a[i] * b[i];
+    return total;
+}
+
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
+int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order);
+
+int pseudo_solve(const double *M, int m, int r, const double *c, double *y, double *Q, double *U,
+                 int *range, Arena *arena);
+
+double nnls(double *B, int k, int r, const double *g, double *lam, Arena *arena);
+
+#endif

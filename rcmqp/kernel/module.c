@@ -1,0 +1,64 @@
+/* rcmqp._kernel: what a control cycle cannot afford in numpy. */
+
+#include "arrays.h"
+#include "rows.h"
+
+PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
+
+Arena *scratch(size_t count)
+{
+    static Arena arena;
+    static size_t capacity;
+    if (count > capacity) {
+        double *memory = PyMem_RawRealloc(arena.memory, sizeof(double) * count);
+        if (memory == NULL) {
+            PyErr_NoMemory();
+            return NULL;
+        }
+        arena.memory = memory, capacity = count;
+    }
+    arena.used = 0;
+    return &arena;
+}
+
+#define METHOD(name, doc) \
+    {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, doc}
+
+static PyMethodDef methods[] = {
+    METHOD(solve, "The lexicographic optimum of stacked levels; see _kernel.pyi."),
+    METHOD(step, "The same, with the rows of tasks and limits made here; see _kernel.pyi."),
+    METHOD(usable, "Whether a cycle's numbers are finite and x_d is a pose; see _kernel.pyi."),
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef module = {
+    PyModuleDef_HEAD_INIT,
+    "rcmqp._kernel",
+    "What a control cycle cannot afford in numpy, in C; see the headers in rcmqp/kernel.",
+    -1,
+    methods,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
+};
+
+PyMODINIT_FUNC PyInit__kernel(void)
+{
+    static const struct {
+        const char *name;
+        long value;
+    } kinds[] = {
+        {"RCM", RCM}, {"TIP", TIP}, {"ROLL", ROLL}, {"POSTURE", POSTURE},
+        {"SRS_PRODUCT", SRS_PRODUCT}, {"MANIPULABILITY", MANIPULABILITY}, {"JOINTS", JOINTS},
+        {"TROCAR_CONE", TROCAR_CONE}, {"TROCAR_DEPTH", TROCAR_DEPTH}, {"KEEP_OUT", KEEP_OUT},
+        {"TASK_NUMBERS", TASK_NUMBERS}, {"LIMIT_NUMBERS", LIMIT_NUMBERS},
+    };
+    import_array();
+    PyObject *made = PyModule_Create(&module);
+    for (size_t i = 0; made != NULL && i < sizeof kinds / sizeof *kinds; ++i)
+        if (PyModule_AddIntConstant(made, kinds[i].name, kinds[i].value) < 0) Py_CLEAR(made);
+    return made;
+}

@@ -1,0 +1,133 @@
+"""Two oracles for strict hierarchies that share nothing with the solver.
+
+The certificate takes the answer and the raw problem and asks scipy's non-negative least squares
+for multipliers that prove each level's optimality (necessary and sufficient, as every level is
+convex). The primal oracle solves each level in the nullspace of those above, inside the box, as a
+least-distance problem by the same non-negative least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.optimize import lsq_linear, nnls
+
+from rcmqp.dualquaternion import Array
+from rcmqp.qp.levels import Bounds, Level
+
+AT_BOUND = 1e-9
+
+
+@dataclass(frozen=True)
+class Problem:
+    levels: list[Level]
+    bounds: Bounds
+
+
+def stack(p: Problem, exceeded: Array) -> list[tuple[Array, Array]]:
+    """Every level as (A, b), the exceeded hard rows first and the rest last."""
+    n = p.bounds.lower.size
+    top = (p.bounds.C[exceeded > AT_BOUND], p.bounds.d[exceeded > AT_BOUND])
+    return [top, *((x.A, x.b) for x in p.levels), (np.eye(n), np.zeros(n))]
+
+
+def certificate(p: Problem, v: Array) -> list[float]:
+    """For each level, how far the best multipliers are from proving v optimal."""
+    n, box = v.size, p.bounds
+    excess = box.C @ v - box.d
+    at_box = np.vstack(
+        [np.eye(n)[v >= box.upper - AT_BOUND], -np.eye(n)[v <= box.lower + AT_BOUND]]
+    )
+    active = np.vstack([at_box, box.C[excess >= -AT_BOUND]])
+    fixed, found = np.zeros((0, n)), []
+    for k, (A, b) in enumerate(stack(p, excess)):
+        free = null_space(fixed, rcond=1e-11) if len(fixed) else np.eye(n)
+        gradient = free.T @ (A.T @ (A @ v - b))
+        normals = free.T @ (at_box if k == 0 else active).T
+        if normals.size:
+            found.append(float(nnls(normals, -gradient, maxiter=1000)[1]))
+        else:
+            found.append(float(np.linalg.norm(gradient)))
+        fixed = np.vstack([fixed, A])
+    return found
+
+
+def bounded(A: Array, b: Array, lower: Array, upper: Array) -> Array:
+    """min |A v - b| in a box, by BVLS."""
+    found = lsq_linear(A, b, (lower, upper), method="bvls", tol=1e-14, max_iter=500)
+    return np.asarray(found.x, dtype=np.float64)
+
+
+def primal_norms(p: Problem) -> list[float]:
+    """Residual norms of the lexicographic optimum, level by level; box only.
+
+    A level is v + Z y, with Z a basis of what the levels above leave free, inside the box.
+    """
+    lower, upper = p.bounds.lower, p.bounds.upper
+    v, Z, norms = np.clip(np.zeros(lower.size), lower, upper), np.eye(lower.size), []
+    for A, b in stack(p, np.zeros(0))[1:]:
+        M = A @ Z
+        size, largest = np.linalg.norm(A, 2), np.linalg.norm(M, 2) if Z.size else 0.0
+        if largest > 1e-10 * size:
+            room = np.concatenate([upper - v, v - lower])
+            v = v + Z @ inequality(M, b - A @ v, np.vstack([Z, -Z]), room)
+            Z = Z @ null_space(M, rcond=1e-10 * float(size / largest))
+        norms.append(float(np.linalg.norm(A @ v - b)))
+    return norms
+
+
+def inequality(M: Array, c: Array, G: Array, h: Array) -> Array:
+    """min |M y - c| over G y <= h, where y = 0 is inside: the best of several attempts.
+
+    The best that is inside to rounding, if none that is a little outside is better by more than
+    that can bring.
+    """
+
+    def norm(y: Array) -> float:
+        return float(np.linalg.norm(M @ y - c))
+
+    h = np.maximum(h, 0.0)
+    size, found = float(np.linalg.norm(M, 2)), [np.zeros(M.shape[1])]
+    for share in (1e-3, 1e-2, 1e-4, 1e-1, 1e-5):
+        found += least_distance(M, c, G, h, share * size)
+        best, inside = (
+            min((y for y in found if (G @ y <= h + slack).all()), key=norm)
+            for slack in (1e-10, 1e-14)
+        )
+        if norm(inside) <= norm(best) + 1e-5:
+            return inside
+    return best
+
+
+def least_distance(M: Array, c: Array, G: Array, h: Array, eps: float) -> list[Array]:
+    """Lawson and Hanson's least-distance programming, and the same to rounding.
+
+    With [M; eps I] = Q R and z = R y - d, the shortest z inside is one non-negative least
+    squares. Proximal steps take away what eps does; and what rounding does, the optimum on the
+    rows found active, in closed form.
+    """
+    r = M.shape[1]
+    Q, R = np.linalg.qr(np.vstack([M, eps * np.eye(r)]))
+    W, last = np.linalg.solve(R.T, G.T), np.eye(r + 1)[-1]
+    y, u, room = np.zeros(r), np.zeros(len(h)), np.maximum(h, 0.0) + 1e-11
+    for _ in range(100):
+        d = Q.T @ np.concatenate([c, eps * y])
+        unit = max(1e-3, float(np.linalg.norm(d)))
+        E = np.vstack([-W, (d @ W - room) / unit])
+        E = E / np.linalg.norm(E, axis=0)
+        u, _ = nnls(E, last, maxiter=1000)
+        rest = E @ u - last
+        if abs(rest[-1]) < 0.1:  # at least a half, but for rounding: z / unit is at most 1
+            break
+        y, before = np.linalg.solve(R, d - unit * rest[:-1] / rest[-1]), y
+        if np.abs(y - before).max() < 1e-10:
+            break
+    found = [y]
+    for share in (0.0, 1e-8, 1e-5):
+        active = u > share * u.max()
+        free = null_space(G[active]) if active.any() else np.eye(r)
+        exact = y + np.linalg.lstsq(G[active], h[active] - G[active] @ y)[0]
+        found.append(exact + free @ np.linalg.lstsq(M @ free, c - M @ exact, rcond=1e-9)[0])
+    return found
