@@ -34,7 +34,8 @@ class ArmState:
         x: (8,) the same placement as a unit dual quaternion, x_eff of the paper.
         J_local: (6, nv) effector twist per joint velocity, linear [m] then angular [rad], in the
             effector frame.
-        v: (nv,) joint velocity now [rad/s], as measured; zero where none is given.
+        v: (nv,) joint velocity now [rad/s]; zero where none is given. In a control loop, the last
+            command: the next one is kept within the acceleration limits of it.
     """
 
     q: Array
@@ -153,12 +154,15 @@ class Arm:
     def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:
         """One kinematics pass at a configuration ``q`` (nq,), joints moving with ``v`` (nv,).
 
+        A joint reading that failed, one that is not finite, is no error here: the state carries
+        it, its placement and Jacobian are NaN as well, and a controller answers it with the safe
+        stop. So a loop on a real arm needs no other way out.
+
         Raises:
-            InvalidCommand: q or v has the wrong size, or is not finite, as a joint reading that
-                failed. To stop the arm then is up to the loop that reads the joints.
+            InvalidCommand: q or v has the wrong size.
         """
-        q = self._checked(q, self.nq, "configuration q")
-        v = np.zeros(self.nv) if v is None else self._checked(v, self.nv, "joint velocity v")
+        q = self._sized(q, self.nq, "configuration q")
+        v = np.zeros(self.nv) if v is None else self._sized(v, self.nv, "joint velocity v")
         pin.computeJointJacobians(self.model, self._data, q)  # runs forward kinematics too
         oMe = self._data.oMi[self._joint] * self._jMe
         J_local = pin.getFrameJacobian(
@@ -247,10 +251,14 @@ class Arm:
         return _vector("position limits", values, len(self._idx_q))
 
     @staticmethod
-    def _checked(values: ArrayLike, size: int, what: str) -> Array:
+    def _sized(values: ArrayLike, size: int, what: str) -> Array:
         array = np.array(values, dtype=float)
         if array.shape != (size,):
             raise InvalidCommand(f"{what} has shape {array.shape}, it must be ({size},)")
+        return array
+
+    def _checked(self, values: ArrayLike, size: int, what: str) -> Array:
+        array = self._sized(values, size, what)
         if not np.isfinite(array).all():
             raise InvalidCommand(f"{what} is not finite: {array}")
         return array

@@ -84,7 +84,7 @@ class NoStartFound(InsertionError):
 
 
 class InvalidCommand(RcmqpError, ValueError):
-    """A view command, reference or joint reading is not a finite number."""
+    """A view command, a pose or joint angles are no finite numbers, or of the wrong size."""
 
 
 class OptionError(RcmqpError, ValueError):
@@ -97,3 +97,20 @@ class RunFileError(RcmqpError):
     def __init__(self, path: Path, reason: str) -> None:
         self.path, self.reason = path, reason
         super().__init__(f"{path}: {reason}")
+
+
+class ViewError(RcmqpError):
+    """Runs cannot be shown together, or not on this machine."""
+
+
+class ToolMissing(ViewError):
+    """A program that pictures or video need is not installed.
+
+    Attributes:
+        tool: its name.
+        remedy: what to install.
+    """
+
+    def __init__(self, tool: str, remedy: str) -> None:
+        self.tool, self.remedy = tool, remedy
+        super().__init__(f"{tool} is not installed, or not found: {remedy}")

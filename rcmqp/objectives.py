@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp.arm import Arm, ArmState, kinematic_hessian
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
@@ -22,6 +23,10 @@ class Objective(abc.ABC):
     @abc.abstractmethod
     def evaluate(self, state: ArmState) -> tuple[float, Array]:
         """Value c and gradient dc/dq (nv,) at ``state``."""
+
+    def program(self) -> tuple[int, tuple[Array, ...]] | None:
+        """Kind and vectors for compiled code, see rcmqp/kernel/rows.h; None: not in it."""
+        return None
 
 
 class SingularityProduct(Objective):
@@ -74,6 +79,10 @@ class SingularityProduct(Objective):
         )
         return float(elbow * shoulder * wrist * both), gradient
 
+    def program(self) -> tuple[int, tuple[Array, ...]]:
+        """For compiled code."""
+        return _kernel.SRS_PRODUCT, (self._offsets,)
+
 
 class Manipulability(Objective):
     """Yoshikawa's measure: the product of the Jacobian's singular values.
@@ -88,6 +97,10 @@ class Manipulability(Objective):
         weighted = (U * others) @ Vt
         gradient = np.einsum("ri,rik->k", weighted, kinematic_hessian(state.J_local))
         return float(np.prod(s)), gradient
+
+    def program(self) -> tuple[int, tuple[Array, ...]]:
+        """For compiled code."""
+        return _kernel.MANIPULABILITY, ()
 
 
 class LeastSingularValue(Objective):

@@ -36,7 +36,7 @@ from rcmqp import (
 from rcmqp import dualquaternion as dq
 from rcmqp.controllers import Aghakhani, TaskPriority, VfiQP
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import InvalidCommand, OptionError, UnknownName
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.objectives import Manipulability, make_objective
 from rcmqp.paths import ConicalHelix
 from rcmqp.qp import (
@@ -45,10 +45,10 @@ from rcmqp.qp import (
     HierarchySolution,
     Level,
     QPSolution,
-    Route,
     Status,
     get_solver,
 )
+from rcmqp.qp.levels import ROUTES, Route
 from rcmqp.task_reconstruction import TaskReconstruction, manipulability, shaft_jacobian
 
 PERIOD = 8e-3
@@ -623,8 +623,9 @@ def test_vfi_qp_stops_by_name_where_no_optimum_is_verified() -> None:
     class Unsure:
         def solve(self, levels: list[Level], bounds: Bounds) -> HierarchySolution:
             found = hierarchy.solve(levels, bounds)
-            level = dataclasses.replace(found.levels[0], route=Route.UNVERIFIED)
-            return dataclasses.replace(found, levels=(level,))
+            found._answer.numbers.setflags(write=True)
+            found._answer.info[1, 0] = ROUTES.index(Route.UNVERIFIED)
+            return found
 
     assert law.step(state, reference).v.any()
     object.__setattr__(law, "_hierarchy", Unsure())
@@ -846,29 +847,6 @@ def test_variants_take_minus_x_d_for_x_d_and_share_no_memory(
 
 
 # Refusals ----------------------------------------------------------------------------------
-
-
-@each_baseline
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_trocar_that_is_nowhere_is_refused(name: str, value: float) -> None:
-    insertion = inserted("lwa3")
-    state = insertion.state(insertion.q_start)
-    pivot = np.array([0.0, value, 0.0])
-    with pytest.raises(InvalidCommand, match="pivot is not finite"):
-        made(name, insertion).step(state, Reference(state.x, np.zeros(8), pivot, np.zeros(3)))
-
-
-@each_baseline
-@pytest.mark.parametrize("rate", ["x_d_dot", "pivot_dot"])
-def test_a_rate_that_is_no_number_is_refused_where_it_is_used(name: str, rate: str) -> None:
-    insertion = inserted("lwa3")
-    state = insertion.state(insertion.q_start)
-    home = view_pose(insertion.x_rcm, ViewCommand())
-    spoiled = dataclasses.replace(home, **{rate: getattr(home, rate) * math.nan})
-    with pytest.raises(InvalidCommand, match=f"{rate} is not finite"):
-        made(name, insertion, feed_forward=True).step(state, spoiled)
-    plain = made(name, insertion).step(state, spoiled)
-    assert np.array_equal(plain.v, made(name, insertion).step(state, home).v)
 
 
 @each_baseline

@@ -34,7 +34,7 @@ from rcmqp import (
 )
 from rcmqp.controllers import DualQuaternion
 from rcmqp.dualquaternion import Array, angle_between, from_se3, translation
-from rcmqp.errors import InvalidCommand, OptionError, UnknownName
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.objectives import OBJECTIVES, make_objective
 
 PAN = "shoulder_pan_joint"
@@ -627,12 +627,3 @@ def test_a_gain_that_is_unstable_at_this_period_is_refused_with_the_number(gain:
 def test_an_option_out_of_range_is_refused_by_its_name(option: str, value: float) -> None:
     with pytest.raises(OptionError, match=rf"\b{option} = {value}"):
         controller(inserted("lwa3"), **{option: value})
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_rate_that_is_no_number_is_refused_where_it_is_used(value: float) -> None:
-    insertion = inserted("lwa3")
-    state = insertion.state(insertion.q_start)
-    rate = np.array([0.0, 0.0, 0.0, 0.0, 0.0, value, 0.0, 0.0])
-    with pytest.raises(InvalidCommand, match="x_d_dot"):
-        controller(insertion, feed_forward=True).step(state, moving(state.x, rate))

@@ -13,7 +13,7 @@ from rcmqp.controllers.aghakhani import Aghakhani
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.damped import Damped
 from rcmqp.controllers.dual_quaternion import DualQuaternion
-from rcmqp.controllers.hierarchical_qp import HierarchicalQP
+from rcmqp.controllers.hierarchical_qp import HierarchicalQP, default_limits
 from rcmqp.controllers.pose_error import PoseError
 from rcmqp.controllers.task_priority import TaskPriority
 from rcmqp.controllers.vfi_qp import VfiQP
@@ -79,5 +79,6 @@ __all__ = [
     "VfiQP",
     "WeightedQP",
     "controller_options",
+    "default_limits",
     "make_controller",
 ]

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import (
-    check_between,
-    check_gain,
-    checked_reference,
-)
+from rcmqp.controllers.checks import at_rest, check_between, check_gain
 from rcmqp.controllers.pseudoinverse import in_order
 from rcmqp.dualquaternion import Array
 from rcmqp.reference import Reference
@@ -91,9 +87,14 @@ class Aghakhani(Controller):
         """Forget lambda; the next step starts it from the projection."""
         self._lambda.clear()
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One evaluation of the law; see Controller.step()."""
-        reference = checked_reference(reference, self.feed_forward)
+    def safe_stop(self, *args: Any, **kwargs: Any) -> Command:
+        """See Controller.safe_stop(); lambda then starts anew, from the projection."""
+        self.reset()
+        return super().safe_stop(*args, **kwargs)
+
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law."""
+        reference = reference if self.feed_forward else at_rest(reference)
         tip_depth = self.insertion.tip_depth
         p_i, J_i = shaft_point(state, tip_depth - self.insertion.instrument.length)
         p_next, J_next = shaft_point(state, tip_depth)

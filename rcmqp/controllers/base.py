@@ -9,11 +9,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from rcmqp.arm import ArmState
+from rcmqp.braking import braking
+from rcmqp.controllers.account import explained
+from rcmqp.controllers.checks import fault, is_finite
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
+from rcmqp.qp import HierarchySolution, InvalidProblem
 from rcmqp.reference import Reference
+
+SAFE_STOP = {"safe_stop": ("1", "1 where the joints brake instead of following")}
+"""The diagnostic that every controller has."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,11 +34,13 @@ class Command:
         diagnostics: numbers that the run records, the same names each cycle.
         account: what the controller's solver says of the step, for whoever asks; None where
             there is none.
+        stop: why this is the safe stop, in words; empty where it is not.
     """
 
     v: Array
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: dict[str, float] = field(default_factory=dict)
     account: object | None = None
+    stop: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +49,12 @@ class Controller(abc.ABC):
 
     A step depends on its two arguments and on a solver's warm start, nothing else; after
     reset() a rerun gives the same bits.
+
+    A step always answers, with numbers. Where a joint reading is not finite, the reference not
+    finite or no pose, or the law finds no finite velocity, it answers with the safe stop: all
+    joints slow down in proportion, as fast as the acceleration limits allow, see braking(), the
+    command says why, and the diagnostic ``safe_stop`` is 1. A derived class gives the law, in
+    _step(), and need not look after any of this.
 
     Attributes:
         name: in CONTROLLERS.
@@ -73,13 +90,54 @@ class Controller(abc.ABC):
     def reset(self) -> None:  # noqa: B027  (most controllers keep nothing)
         """Forget the run so far."""
 
-    @abc.abstractmethod
     def step(self, state: ArmState, reference: Reference) -> Command:
-        """The joint velocity to hold until the next cycle.
+        """The joint velocity to hold until the next cycle: the law's, or the safe stop."""
+        wrong = fault(state, reference)
+        if wrong:
+            return self.safe_stop(state, wrong)
+        try:
+            answer = self._step(state, reference)
+        except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
+            return self.safe_stop(state, f"{type(error).__name__}: {error}")
+        if not is_finite(answer.v):
+            return self.safe_stop(state, "the law has no finite velocity here")
+        answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
+        return answer
 
-        Raises:
-            InvalidCommand: the reference is not a pose.
+    @abc.abstractmethod
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """The law. State and reference are finite, and x_d is a pose; see step()."""
+
+    def report(self, state: ArmState, command: Command) -> str:
+        """What became of a step, for people: why it stopped; each level, and what holds it back.
+
+        Args:
+            state: that the step was made for.
+            command: what it answered.
         """
+        lines = [f"safe stop: {command.stop}"] if command.stop else []
+        if isinstance(command.account, HierarchySolution):
+            lines.append(explained(command.account, self.insertion.arm, state, self.period))
+        return "\n".join(lines) or f"{self.name}: a law without levels, nothing to report"
+
+    def safe_stop(
+        self,
+        state: ArmState,
+        reason: str,
+        diagnostics: Mapping[str, float] | None = None,
+        account: object | None = None,
+    ) -> Command:
+        """The named safe stop, see braking(), with the reason for it.
+
+        Args:
+            state: of the arm.
+            reason: in a few words, the same ones each time.
+            diagnostics: what is known in spite of it; the others of the controller are NaN.
+            account: as in Command.
+        """
+        numbers = dict.fromkeys(self.diagnostics, math.nan) | dict(diagnostics or {})
+        v = braking(self.insertion.arm, state.angles, state.v, self.period)[0]
+        return Command(v, numbers | {"safe_stop": 1.0}, account, reason)
 
 
 def _check_kind(name: str, value: object, kind: type) -> None:

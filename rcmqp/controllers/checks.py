@@ -1,4 +1,4 @@
-"""What several controllers check: their options, and the reference of a cycle."""
+"""What controllers check: their options; the state and the reference of a cycle."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import math
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
-from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.arm import ArmState
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError
 from rcmqp.reference import Reference
 
 UNIT_TOLERANCE = 1e-6
@@ -48,22 +51,38 @@ def check_between(name: str, value: float, low: float, high: float) -> None:
         raise OptionError(f"{name} = {value}, it must lie between {low:g} and {high:g}")
 
 
-def checked_reference(reference: Reference, rates: bool) -> Reference:
-    """The reference as a law may see it: with its rates, or standing still.
+def is_finite(values: Array) -> bool:
+    """Whether all of values (n,) are finite."""
+    return all(map(math.isfinite, values.tolist()))  # a quarter of what numpy takes for seven
 
-    Args:
-        reference: of this cycle.
-        rates: whether the law knows how fast the reference and the trocar move.
 
-    Raises:
-        InvalidCommand: x_d is not a pose, or a number that the law uses is not finite.
+def fault(state: ArmState, reference: Reference) -> str:
+    """What keeps a controller from following, in words; empty if nothing does.
+
+    A rate that the law does not use counts, too: whoever sends one that is no number is not
+    to be relied on.
     """
-    dq.check_unit(reference.x_d, "x_d", UNIT_TOLERANCE)
-    names = ("pivot", "x_d_dot", "pivot_dot") if rates else ("pivot",)
-    for name in names:
+    numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
+    if _kernel.usable(state.q, state.v, *numbers, UNIT_TOLERANCE):
+        return ""
+    if not is_finite(state.q):
+        return "the joint reading q is not finite"
+    if not is_finite(state.v):
+        return "the joint velocity v is not finite"
+    for name, size in _SIZES.items():
         values = getattr(reference, name)
-        if not np.isfinite(values).all():
-            raise InvalidCommand(f"{name} is not finite: {values}")
-    if rates:
-        return reference
+        if values.shape != (size,):
+            return f"{name} of the reference has not {size} numbers"
+        if not is_finite(values):
+            return f"{name} of the reference is not finite"
+    if not dq.is_unit(reference.x_d, UNIT_TOLERANCE):
+        return "x_d of the reference is no pose"
+    return ""
+
+
+_SIZES = {"x_d": 8, "x_d_dot": 8, "pivot": 3, "pivot_dot": 3}
+
+
+def at_rest(reference: Reference) -> Reference:
+    """The reference as a law sees it that knows no rates."""
     return Reference(reference.x_d, np.zeros(8), reference.pivot, np.zeros(3))

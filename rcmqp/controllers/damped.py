@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, checked_reference
+from rcmqp.controllers.checks import at_rest, check_gain
 from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.dualquaternion import Array
 from rcmqp.reference import Reference
@@ -67,9 +67,9 @@ class Damped(Controller):
             check_positive(option, getattr(self, option))
         object.__setattr__(self, "_pose", PoseTask(gain=self.gain))
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One evaluation of the law; see Controller.step()."""
-        reference = checked_reference(reference, self.feed_forward)
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law."""
+        reference = reference if self.feed_forward else at_rest(reference)
         rows = self._pose.level(state, reference)  # -N v = -K e
         svd = SingularValues.of(rows.A, rank=6)
         v = svd.solve(self._inverse(svd.s), rows.b)

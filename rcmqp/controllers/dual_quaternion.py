@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import UNIT_TOLERANCE, check_gain, check_not_negative
+from rcmqp.controllers.checks import check_gain, check_not_negative
 from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.dualquaternion import C8, Array
-from rcmqp.errors import InvalidCommand, OptionError, UnknownName
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.objectives import Objective, make_objective
 from rcmqp.reference import Reference
 
@@ -119,17 +119,14 @@ class DualQuaternion(Controller):
         object.__setattr__(self, "objective", self.objective or own)
         object.__setattr__(self, "_objective", make_objective(self.objective, arm))
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One evaluation of the law at ``state``; see Controller.step()."""
-        dq.check_unit(reference.x_d, "x_d", UNIT_TOLERANCE)
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law at ``state``."""
         x_d = dq.align_sign(reference.x_d, state.x)
         x_d_dot = reference.x_d_dot if x_d @ reference.x_d > 0.0 else -reference.x_d_dot
 
         x_conj = dq.conj(state.x)
         wanted = self.gain * (dq.IDENTITY - dq.mul(x_conj, x_d))
         if self.feed_forward:
-            if not np.isfinite(x_d_dot).all():
-                raise InvalidCommand(f"x_d_dot is not finite: {x_d_dot}")
             wanted = wanted - dq.mul(x_conj, x_d_dot)
         N = dq.H8_minus(x_d) @ C8 @ state.J_dq
 

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_not_negative, checked_reference
-from rcmqp.errors import InvalidCommand
+from rcmqp.controllers.checks import check_gain, check_not_negative
+from rcmqp.controllers.program import LevelOfTasks, Program
 from rcmqp.insertion import Insertion
-from rcmqp.limits import JointLimits, Limit, TrocarCone, TrocarDepth, combine
+from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
 from rcmqp.qp import Hierarchy, HierarchySolution
+from rcmqp.qp.hierarchy import Asked
+from rcmqp.qp.levels import Answer
 from rcmqp.reference import Reference
-from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
+from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask
 
 CONE_DECELERATION = 1.0
 """What the shaft may be slowed down with before the cone's edge [rad/s^2]."""
@@ -24,7 +28,8 @@ CONE_DECELERATION = 1.0
 DEPTH_DECELERATION = 0.2
 """What the tip may be slowed down with before the end of its depth range [m/s^2]."""
 
-LevelOfTasks: TypeAlias = Task | Together
+OBSTACLE_DECELERATION = 0.2
+"""What the instrument may be slowed down with before an obstacle [m/s^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,16 +48,13 @@ class HierarchicalQP(Controller):
         HierarchicalQP(insertion, T, levels=[RcmTask(), TipTask(d) + RollTask(weight=0.01)])
 
     The limits, unless ``limits`` gives others: JointLimits (position, speed, acceleration,
-    braking distance counted), TrocarCone, TrocarDepth.
+    braking distance counted), TrocarCone, TrocarDepth, KeepOut for each obstacle.
 
-    Not finished: where the trocar's rows and the joints' acceleration limits cannot all hold, the
-    rows are put above the RCM, which is the wrong way round for a patient; and a level whose
-    active set is degenerate may end unverified, a feasible answer that the account names.
-
-    A step always answers, inside the joint limits. A reference that is not finite or no pose is
-    answered by the safe stop ``brake``: the joints stop as fast as their limits allow. Where a
-    trocar's rows cannot all hold, they are exceeded as little as can be, and the command says
-    by how much.
+    The joints' limits always hold. The trocar's cone and depth and the obstacles are hard rows,
+    with one exception: where the first level is the RCM, and only these rows keep it from its
+    goal (a shaft too fast to be stopped in time, say), the RCM comes first, for tissue gives way
+    at the cone's edge before it does at the incision. Rows that cannot all hold are exceeded as
+    little as can be, and the command says by how much.
 
     Attributes:
         gain: K of every task [1/s]; K T must be below 2.
@@ -72,7 +74,6 @@ class HierarchicalQP(Controller):
         "tip_residual": ("m/s", "|A v - b| of the tip's rows"),
         "roll_residual": ("rad/s", "|A v - b| of the roll's row"),
         "objective_residual": ("rad/s", "|A v - b| of the objective's rows"),
-        "safe_stop": ("1", "1 where the joints brake instead of following"),
         "exact": ("1", "1 where every level is the optimum to rounding"),
         "joints_at_limit": ("1", "joints at a bound of their box"),
         "violation": ("m/s, rad/s", "largest excess of a hard row"),
@@ -90,6 +91,10 @@ class HierarchicalQP(Controller):
     _levels: tuple[LevelOfTasks, ...] = field(init=False, repr=False)
     _limits: tuple[Limit, ...] = field(init=False, repr=False)
     _hierarchy: Hierarchy = field(init=False, repr=False)
+    _program: Program | None = field(init=False, repr=False)
+    _names: tuple[str, ...] = field(init=False, repr=False)
+    _recorded: tuple[str, ...] = field(init=False, repr=False)
+    _guarded: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options; make levels, limits and the solver.
@@ -110,7 +115,16 @@ class HierarchicalQP(Controller):
             limits = default_limits(self.insertion, self.period, self.limit_gain)
         object.__setattr__(self, "_levels", tuple(levels))
         object.__setattr__(self, "_limits", tuple(limits))
-        object.__setattr__(self, "_hierarchy", Hierarchy(self.backend))
+        hierarchy = Hierarchy(self.backend)
+        program = Program.of(tuple(levels), tuple(limits), self.insertion.arm)
+        names = tuple(level.name for level in levels)
+        object.__setattr__(self, "_hierarchy", hierarchy)
+        object.__setattr__(self, "_program", program if hierarchy.compiled else None)
+        object.__setattr__(self, "_names", names)
+        recorded = ("exact", "joints_at_limit", "violation", "kkt")
+        object.__setattr__(self, "_recorded", (*(f"{name}_residual" for name in names), *recorded))
+        rcm_first = bool(levels) and isinstance(levels[0], RcmTask)
+        object.__setattr__(self, "_guarded", int(rcm_first))
 
     @property
     def options(self) -> dict[str, Any]:
@@ -123,52 +137,66 @@ class HierarchicalQP(Controller):
         """Forget the solver's warm start."""
         self._hierarchy.reset()
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One lexicographic optimum; see Controller.step(). Raises nothing."""
-        levels, stop = self._levels, 0.0
-        try:
-            reference = checked_reference(reference, rates=True)
-        except InvalidCommand:
-            levels, stop = (), 1.0
-            reference = Reference(state.x, np.zeros(8), state.oMe.translation, np.zeros(3))
-        solution = self._hierarchy.solve(
-            [level.level(state, reference) for level in levels],
-            combine(self._limits, state, reference, self.insertion.arm.joints),
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One lexicographic optimum."""
+        if self._program is None:
+            solution = self._hierarchy.solve(
+                [level.level(state, reference) for level in self._levels],
+                combine(self._limits, state, reference, self.insertion.arm.joints),
+                guarded=self._guarded,
+            )
+        else:
+            solution = self._run(self._program, state, reference)
+        return Command(
+            solution.v, dict(zip(self._recorded, solution.summary, strict=True)), solution
         )
-        return Command(solution.v, self._account(solution, stop), solution)
 
-    def _account(self, solution: HierarchySolution, stop: float) -> dict[str, float]:
-        """The numbers that a run records, the same names each cycle."""
-        found = {level.name: np.linalg.norm(level.residual) for level in solution.levels}
-        bounded = solution.at_lower.sum() + solution.at_upper[: len(solution.v)].sum()
-        return {
-            **{
-                f"{level.name}_residual": float(found.get(level.name, np.nan))
-                for level in self._levels
-            },
-            "safe_stop": stop,
-            "exact": float(solution.exact),
-            "joints_at_limit": float(bounded),
-            "violation": float(np.max(solution.violation, initial=0.0)),
-            "kkt": max((level.kkt for level in solution.levels), default=0.0),
-        }
+    def _run(self, program: Program, state: ArmState, reference: Reference) -> HierarchySolution:
+        """The same, rows and all in compiled code."""
+        start, hierarchy = time.perf_counter(), self._hierarchy
+        answer = Answer(program.ends, program.n, program.size, program.rows)
+        asked: Asked = {}
+        answer.summary = _kernel.step(
+            program.tasks,
+            program.vectors,
+            program.ends,
+            program.limits,
+            program.joints,
+            self._guarded,
+            hierarchy.max_rounds,
+            state.x,
+            np.ascontiguousarray(state.J_local),
+            state.angles,
+            state.v,
+            reference.x_d,
+            reference.x_d_dot,
+            reference.pivot,
+            reference.pivot_dot,
+            hierarchy.guess(answer),
+            answer.numbers,
+            hierarchy.asking(asked),
+        )
+        answer.close()
+        elapsed = time.perf_counter() - start
+        return HierarchySolution(answer, self._names, program.names, elapsed, asked)
 
 
-def default_limits(insertion: Insertion, period: float, gain: float) -> tuple[Limit, ...]:
-    """Joint limits, and the trocar's cone and depth range."""
+def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:
+    """Joint limits, the trocar's cone and depth range, and the obstacles of the scene."""
     return (
         JointLimits(insertion.arm, period),
         TrocarCone(insertion.trocar, gain=gain, deceleration=CONE_DECELERATION),
         TrocarDepth(
             insertion.trocar, insertion.tip_depth, gain=gain, deceleration=DEPTH_DECELERATION
         ),
+        *KeepOut.obstacles(insertion, gain=gain, deceleration=OBSTACLE_DECELERATION),
     )
 
 
 def _levels(controller: HierarchicalQP) -> tuple[LevelOfTasks, ...]:
     insertion, gain = controller.insertion, controller.gain
     tool = (
-        RcmTask(gain=gain),
+        RcmTask(gain=gain, period=controller.period),
         TipTask(insertion.tip_depth, gain=gain),
         RollTask(gain=gain),
     )

@@ -8,7 +8,7 @@ from typing import ClassVar
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_between, check_gain, checked_reference
+from rcmqp.controllers.checks import at_rest, check_between, check_gain
 from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.reference import Reference
 
@@ -50,9 +50,9 @@ class PoseError(Controller):
         check_gain("gain", self.gain, self.period)
         check_between("tolerance", self.tolerance, 0.0, 1.0)
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One evaluation of the law; see Controller.step()."""
-        reference = checked_reference(reference, self.feed_forward)
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law."""
+        reference = reference if self.feed_forward else at_rest(reference)
         side = -1.0 if dq.P(state.x) @ dq.P(reference.x_d) < 0.0 else 1.0
         wanted = self.gain * (side * reference.x_d - state.x) + side * reference.x_d_dot
         svd = SingularValues.of(state.J_dq, rank=6)

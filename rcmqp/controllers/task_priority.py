@@ -10,10 +10,10 @@ import numpy as np
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import (
+    at_rest,
     check_between,
     check_gain,
     check_not_negative,
-    checked_reference,
 )
 from rcmqp.controllers.pseudoinverse import in_order
 from rcmqp.dualquaternion import translation
@@ -110,9 +110,9 @@ class TaskPriority(Controller):
             reconstruction = TaskReconstruction(m_1, self.reconstruct_full * m_1, self.escape)
         object.__setattr__(self, "_reconstruction", reconstruction)
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One evaluation of the law; see Controller.step()."""
-        reference = checked_reference(reference, self.feed_forward)
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One evaluation of the law."""
+        reference = reference if self.feed_forward else at_rest(reference)
         rcm, tip = RcmTask().evaluate(state, reference), self._tip.level(state, reference)
         b_rcm, b_tip = -self.rcm_gain * rcm.error - rcm.drift, tip.b
         rest, diagnostics = np.zeros(state.angles.size), {}

@@ -10,9 +10,10 @@ import numpy as np
 
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_between, check_gain, checked_reference
+from rcmqp.controllers.checks import at_rest, check_between, check_gain
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
+from rcmqp.limits import KeepOut, combine
 from rcmqp.qp import Bounds, Hierarchy, Level, get_solver
 from rcmqp.reference import Reference
 from rcmqp.tasks import PoseTask, RcmTask, TipTask
@@ -38,12 +39,14 @@ class VfiQP(Controller):
     eta_d T <= 1 a shaft inside stays inside and one outside comes back at eta_d. The row is
     divided by 2 d_safe here, into m/s, which changes no solution.
 
+    Each obstacle of the scene is a further row of this kind, as in the paper, on the distance
+    itself: J_o u >= -eta_d (distance - radii), by KeepOut, for tip and shaft.
+
     The QP is solved as a hierarchy of one level: whatever the backend proposes is computed again
     in closed form and verified, so the answer is the optimum, and the same bits each time.
 
-    The safe stop, by name: zero velocity for this cycle, where the inequalities cannot all hold,
-    and where no optimum was found that passes the verification. The diagnostic ``safe_stop`` is
-    then 1, and ``infeasible`` in the first case.
+    It also ends in the safe stop where the inequalities cannot all hold, the diagnostic
+    ``infeasible`` is then 1, and where no optimum was found that passes the verification.
 
     Left open: the paper's eta, alpha, lambda, eta_d and d_safe were not at hand. alpha and eta_d
     are those of Marinho's own later code for this law; eta is the K of the other
@@ -76,6 +79,7 @@ class VfiQP(Controller):
     solver: str = "proxqp"
     feed_forward: bool = False
     _tip: TipTask = field(init=False, repr=False)
+    _obstacles: tuple[KeepOut, ...] = field(init=False, repr=False)
     _hierarchy: Hierarchy = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,6 +102,8 @@ class VfiQP(Controller):
                 "or sample faster"
             )
         object.__setattr__(self, "_tip", TipTask(self.insertion.tip_depth))
+        obstacles = KeepOut.obstacles(self.insertion, gain=self.vfi_gain)
+        object.__setattr__(self, "_obstacles", obstacles)
         get_solver(self.solver)  # says what is wrong with the name
         object.__setattr__(self, "_hierarchy", Hierarchy(self.solver))
 
@@ -105,26 +111,27 @@ class VfiQP(Controller):
         """Forget the solver's warm start."""
         self._hierarchy.reset()
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """Solve the QP once; see Controller.step()."""
-        reference = checked_reference(reference, self.feed_forward)
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """Solve the QP once."""
+        reference = reference if self.feed_forward else at_rest(reference)
         C, d = self._entry_sphere(state, reference)
         lower, upper = self._box(state)
-        solution = self._hierarchy.solve(
-            [self._objective(state, reference)], Bounds(lower, upper, C, d)
+        out = combine(self._obstacles, state, reference)
+        bounds = Bounds(
+            lower,
+            upper,
+            np.vstack([C, out.C]),
+            np.concatenate([d, out.d]),
+            (*self.insertion.arm.joints, "entry sphere", *out.names[lower.size :]),
         )
+        solution = self._hierarchy.solve([self._objective(state, reference)], bounds)
         infeasible = not solution.limits_hold
-        stop = infeasible or not solution.exact
-        v = np.zeros(lower.size) if stop else solution.v.copy()
-        return Command(
-            v,
-            {
-                "safe_stop": float(stop),
-                "infeasible": float(infeasible),
-                "sphere_slack": float((d - C @ v)[0]),
-            },
-            solution,
-        )
+        if infeasible or not solution.exact:
+            reason = "the inequalities cannot all hold" if infeasible else "no verified optimum"
+            numbers = {"infeasible": float(infeasible)}
+            return self.safe_stop(state, reason, numbers, solution)
+        slack = float((d - C @ solution.v)[0])
+        return Command(solution.v.copy(), {"infeasible": 0.0, "sphere_slack": slack}, solution)
 
     def _objective(self, state: ArmState, reference: Reference) -> Level:
         """The three terms as the rows of one sum of squares."""

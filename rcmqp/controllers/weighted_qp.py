@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_not_negative, checked_reference
+from rcmqp.controllers.checks import check_gain, check_not_negative
 from rcmqp.controllers.hierarchical_qp import default_limits
-from rcmqp.errors import InvalidCommand
 from rcmqp.limits import Limit, combine
 from rcmqp.qp import QP, QPSolver, Status, get_solver
 from rcmqp.reference import Reference
@@ -29,9 +27,8 @@ class WeightedQP(Controller):
     the arm runs out of speed, the RCM gives way a little, the more the smaller its weight; and
     the larger it is, the worse the QP is conditioned.
 
-    A step always answers, inside the joint limits. A reference that is not finite or no pose,
-    and a QP that the backend does not solve (rows that cannot all hold, say), end in the safe
-    stop ``brake``: the joints stop as fast as their limits allow.
+    A QP that the backend does not solve, because hard rows cannot all hold, say, ends in the
+    safe stop.
 
     Attributes:
         gain: K of every task [1/s]; K T must be below 2.
@@ -46,9 +43,6 @@ class WeightedQP(Controller):
     """
 
     name: ClassVar[str] = "weighted_qp"
-    diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "safe_stop": ("1", "1 where the joints brake instead of following"),
-    }
 
     gain: float = 60.0
     rcm_weight: float = 1e4
@@ -92,13 +86,8 @@ class WeightedQP(Controller):
         """Forget the solver's warm start."""
         self._solver.reset()
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
-        """One QP; see Controller.step(). Raises nothing."""
-        try:
-            reference = checked_reference(reference, rates=True)
-        except InvalidCommand:
-            still = Reference(state.x, np.zeros(8), state.oMe.translation, np.zeros(3))
-            return self._brake(state, still)
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        """One QP."""
         level = self._tasks.level(state, reference)
         bounds = combine(self._limits, state, reference)
         n = len(bounds.lower)
@@ -112,11 +101,6 @@ class WeightedQP(Controller):
         )
         solution = self._solver.solve(qp)
         if solution.status is not Status.SOLVED or not np.isfinite(solution.v).all():
-            return self._brake(state, reference)
-        v = np.clip(solution.v, bounds.lower, bounds.upper)
-        return Command(v, {"safe_stop": 0.0}, solution)
-
-    def _brake(self, state: ArmState, reference: Reference) -> Command:
-        bounds = combine(self._limits, state, reference)
-        v: Any = np.clip(np.zeros(len(bounds.lower)), bounds.lower, bounds.upper)
-        return Command(v, {"safe_stop": 1.0})
+            reason = f"the QP has no solution: {solution.status.value}"
+            return self.safe_stop(state, reason, account=solution)
+        return Command(np.clip(solution.v, bounds.lower, bounds.upper), {}, solution)

@@ -95,6 +95,15 @@ class Limit(abc.ABC):
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
         """What is allowed at ``state``."""
 
+    def program(self) -> tuple[float, ...] | None:
+        """The limit for compiled code, see rcmqp/kernel/rows.h; None: evaluate() is called."""
+        return None
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the rows, for messages; as in evaluate()."""
+        return ()
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Damper(Limit):

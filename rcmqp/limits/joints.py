@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp.arm import Arm, ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
@@ -82,6 +83,10 @@ class JointLimits(Limit):
         return Constraint.box(
             *intersect(lower, upper, -braking_speed(below, a, T), braking_speed(above, a, T))
         )
+
+    def program(self) -> tuple[float, ...]:
+        """For compiled code."""
+        return (_kernel.JOINTS, self.period, self.margin, float(self.acceleration))
 
 
 def braking_speed(distance: ArrayLike, deceleration: ArrayLike, period: float) -> Array:

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.instrument import Trocar
 from rcmqp.limits.base import Constraint, Damper
@@ -47,4 +48,14 @@ class TrocarCone(Damper):
             by_omega = np.array([[0.0 if z > 0.0 else 1.0, 0.0]])
         room = self.trocar.cone_half_angle - math.atan2(sine, z)
         row = by_omega @ state.J_local[3:5]
-        return Constraint.rows(row, [self.pace(room)], ["trocar cone"])
+        return Constraint.rows(row, [self.pace(room)], self.row_names)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the one row."""
+        return ("trocar cone",)
+
+    def program(self) -> tuple[float, ...]:
+        """For compiled code."""
+        half_angle, axis = self.trocar.cone_half_angle, self.trocar.axis
+        return (_kernel.TROCAR_CONE, self.gain, self.deceleration, half_angle, *axis)

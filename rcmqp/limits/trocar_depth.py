@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.instrument import Trocar
 from rcmqp.limits.base import Constraint, Damper
@@ -49,5 +50,15 @@ class TrocarDepth(Damper):
         return Constraint.rows(
             np.array([row, -row]),
             [self.pace(deepest - depth) - drift, self.pace(depth - shallowest) + drift],
-            ["trocar depth, deepest", "trocar depth, shallowest"],
+            self.row_names,
         )
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the two rows."""
+        return ("trocar depth, deepest", "trocar depth, shallowest")
+
+    def program(self) -> tuple[float, ...]:
+        """For compiled code."""
+        numbers = (_kernel.TROCAR_DEPTH, self.gain, self.deceleration, self.tip_depth)
+        return (*numbers, *self.trocar.depth_range)

@@ -7,9 +7,10 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
@@ -18,6 +19,9 @@ from rcmqp.insertion import Insertion
 from rcmqp.qp.levels import Level
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.reference import Reference
+
+Program: TypeAlias = tuple[tuple[float, ...], tuple[ArrayLike, ...]]
+"""Kind, root of the weight and parameters; vectors (nv,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +70,7 @@ class Task(abc.ABC):
     depends on the state and the reference, nothing else.
 
     Attributes:
+        unit: of the error, ``"m"`` or ``"rad"``; empty for another or none.
         gain: how fast the error goes [1/s]: as exp(-gain t). With a sampling period T the
             error shrinks by 1 - gain T in a cycle, so gain T above 1 overshoots and above 2
             diverges: whoever knows T checks that.
@@ -77,6 +82,7 @@ class Task(abc.ABC):
     """
 
     name: ClassVar[str] = "task"
+    unit: ClassVar[str] = ""
 
     gain: float = 60.0
     weight: float = 1.0
@@ -94,6 +100,10 @@ class Task(abc.ABC):
     @abc.abstractmethod
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error, Jacobian and drift at ``state``."""
+
+    def program(self) -> Program | None:
+        """The task for compiled code, see rcmqp/kernel/rows.h; None: evaluate() is called."""
+        return None
 
     def level(self, state: ArmState, reference: Reference) -> Level:
         """The task as a level of a hierarchy, in the error's unit per second."""

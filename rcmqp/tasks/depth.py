@@ -26,6 +26,7 @@ class DepthTask(Task):
     """
 
     name: ClassVar[str] = "depth"
+    unit: ClassVar[str] = "m"
 
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (1,) [m], positive when too deep."""

@@ -28,6 +28,7 @@ class DirectionTask(Task):
     """
 
     name: ClassVar[str] = "direction"
+    unit: ClassVar[str] = "rad"
 
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (2,), no unit, in the effector's axes, x and y."""

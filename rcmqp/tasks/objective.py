@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
@@ -12,7 +13,7 @@ from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
 from rcmqp.objectives import Objective, make_objective
 from rcmqp.reference import Reference
-from rcmqp.tasks.base import Residual, Task, check_finite, check_positive
+from rcmqp.tasks.base import Program, Residual, Task, check_finite, check_positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,7 @@ class ObjectiveTask(Task):
     """
 
     name: ClassVar[str] = "objective"
+    unit: ClassVar[str] = "rad"
 
     objective: Objective
     c_d: float = 1.0
@@ -69,3 +71,11 @@ class ObjectiveTask(Task):
         c, J_c = self.objective.evaluate(state)
         nv = J_c.size
         return Residual(np.zeros(nv), np.eye(nv), -self.K_c * (self.c_d - c) * J_c)
+
+    def program(self) -> Program | None:
+        """For compiled code, where the objective is in it."""
+        found = self.objective.program()
+        if found is None:
+            return None
+        kind, vectors = found
+        return (kind, math.sqrt(self.weight), self.K_c, self.c_d), vectors

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
 from rcmqp.reference import Reference
-from rcmqp.tasks.base import Residual, Task
+from rcmqp.tasks.base import Program, Residual, Task
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,7 @@ class PostureTask(Task):
     """
 
     name: ClassVar[str] = "posture"
+    unit: ClassVar[str] = "rad"
 
     posture: ArrayLike
     continuous: ArrayLike = ()
@@ -73,3 +76,8 @@ class PostureTask(Task):
         short = np.mod(error + np.pi, 2.0 * np.pi) - np.pi
         error = np.where(self.continuous, short, error)
         return Residual(error, np.eye(nv), np.zeros(nv))
+
+    def program(self) -> Program:
+        """For compiled code."""
+        numbers = (_kernel.POSTURE, math.sqrt(self.weight), self.gain, 0.0)
+        return numbers, (self.posture, self.continuous)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import pinocchio as pin
 
-from rcmqp.arm import ArmState
+from rcmqp import _kernel
+from rcmqp.arm import ArmState, kinematic_hessian
+from rcmqp.errors import OptionError
 from rcmqp.reference import Reference
-from rcmqp.tasks.base import Residual, Task
+from rcmqp.tasks.base import Program, Residual, Task
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +28,46 @@ class RcmTask(Task):
     The shaft is the effector's z axis: its distance to the trocar is the norm of r's first two
     coordinates, the error. Two rows of rank 2 (Azimian, Patel and Naish 2010, in spirit) leave
     depth and the three rotations about the trocar to other tasks.
+
+    A joint velocity that is held for T takes the trocar along a curve, T^2/2 d^2r/dt^2 off the
+    tangent: an error of T/(2 K) d^2r/dt^2 that stays. With ``period`` the second derivative is
+    taken into account, as it is while the joints go on at state.v:
+
+        d^2r/dt^2 = [dr/dt + R^T pivot_dot]x omega + [r]x omega' - nu',
+
+    with (nu', omega') the twist's change by the joints' motion alone, see kinematic_hessian().
+    What is left is of third order.
+
+    Attributes:
+        period: sampling period T [s]; 0 for the first order only.
     """
 
     name: ClassVar[str] = "rcm"
+    unit: ClassVar[str] = "m"
+
+    period: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        if not 0.0 <= self.period < np.inf:
+            raise OptionError(f"period = {self.period} s, it must be 0 or more, and finite")
 
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (2,) [m], the trocar in the effector's axes, x and y."""
         r = state.oMe.actInv(reference.pivot)
         nu, omega = state.J_local[:3], state.J_local[3:]
         jacobian = pin.skew(r) @ omega - nu
-        drift = state.oMe.rotation.T @ reference.pivot_dot
+        carried = state.oMe.rotation.T @ reference.pivot_dot
+        drift = carried
+        if self.period > 0.0:
+            change = np.einsum("aij,i,j", kinematic_hessian(state.J_local), state.v, state.v)
+            turning = omega @ state.v
+            moving = jacobian @ state.v + 2.0 * carried
+            bend = np.cross(moving, turning) + np.cross(r, change[3:]) - change[:3]
+            drift = carried + 0.5 * self.period * bend
         return Residual(r[:2], jacobian[:2], drift[:2])
+
+    def program(self) -> Program:
+        """For compiled code."""
+        return (_kernel.RCM, math.sqrt(self.weight), self.gain, self.period), ()

@@ -8,10 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.reference import Reference
-from rcmqp.tasks.base import Residual, Task
+from rcmqp.tasks.base import Program, Residual, Task
 from rcmqp.tasks.desired import desired
 
 OPPOSITE = 1e-12
@@ -34,6 +35,7 @@ class RollTask(Task):
     """
 
     name: ClassVar[str] = "roll"
+    unit: ClassVar[str] = "rad"
 
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (1,) [rad]; positive when turned too far about the shaft's z."""
@@ -49,3 +51,7 @@ class RollTask(Task):
             own[None] @ state.J_local[3:],
             np.array([-other @ desired(reference).omega]),
         )
+
+    def program(self) -> Program:
+        """For compiled code."""
+        return (_kernel.ROLL, math.sqrt(self.weight), self.gain, 0.0), ()

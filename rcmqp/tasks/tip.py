@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.reference import Reference
-from rcmqp.tasks.base import Residual, Task, check_finite
+from rcmqp.tasks.base import Program, Residual, Task, check_finite
 from rcmqp.tasks.desired import desired
 
 
@@ -28,6 +30,7 @@ class TipTask(Task):
     """
 
     name: ClassVar[str] = "tip"
+    unit: ClassVar[str] = "m"
 
     tip_depth: float
 
@@ -44,3 +47,7 @@ class TipTask(Task):
         jacobian = R @ (nu - pin.skew(a) @ omega)
         error = state.oMe.translation - d.p + (R - d.R) @ a
         return Residual(error, jacobian, -d.R @ (d.nu + pin.skew(d.omega) @ a))
+
+    def program(self) -> Program:
+        """For compiled code."""
+        return (_kernel.TIP, math.sqrt(self.weight), self.gain, self.tip_depth), ()

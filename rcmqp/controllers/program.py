@@ -1,0 +1,101 @@
+"""Levels and limits as numbers, so that compiled code can make their rows each cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmqp import _kernel
+from rcmqp.arm import Arm
+from rcmqp.dualquaternion import Array
+from rcmqp.limits import JointLimits, Limit
+from rcmqp.tasks import Task, Together
+
+LevelOfTasks: TypeAlias = Task | Together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Program:
+    """What _kernel.step() needs of tasks and limits; see rcmqp/kernel/rows.h.
+
+    Attributes:
+        n: joints.
+        size: rows of all levels, with the rest.
+        tasks: (tasks, TASK_NUMBERS) kind, root of the weight, parameters.
+        vectors: (tasks, 2, nv) parameters that are one number a joint.
+        ends: (levels + 1,) where each level's rows end; the last is the rest.
+        limits: (limits, LIMIT_NUMBERS) kind, parameters.
+        joints: (4, nv) lower and upper position, velocity, acceleration limits.
+        rows: how many hard rows there are.
+        names: of the joints, then of the rows.
+    """
+
+    n: int
+    size: int
+    tasks: Array
+    vectors: Array
+    ends: NDArray[np.int64]
+    limits: Array
+    joints: Array
+    rows: int
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, levels: Sequence[LevelOfTasks], limits: Sequence[Limit], arm: Arm) -> Self | None:
+        """The program of levels and limits; None where one of them is not in compiled code."""
+        nv = arm.nv
+        tasks, vectors, ends = [], [], []
+        for level in levels:
+            for task in level.tasks if isinstance(level, Together) else (level,):
+                found = task.program() if _own(task, Task) else None
+                if found is None or any(np.shape(given) != (nv,) for given in found[1]):
+                    return None
+                numbers, given = found
+                tasks.append(numbers)
+                vectors.append([*given, *[np.zeros(nv)] * (2 - len(given))])
+            ends.append(sum(_ROWS.get(int(numbers[0]), nv) for numbers in tasks))
+        lines = [limit.program() if _own(limit, Limit) else None for limit in limits]
+        arms = [limit.arm for limit in limits if isinstance(limit, JointLimits)]
+        if None in lines or any(other.joints != arm.joints for other in arms):
+            return None
+        its = arms[0] if arms else arm
+        if any(not np.array_equal(_joints(other), _joints(its)) for other in arms):
+            return None
+        table = np.zeros((len(lines), _kernel.LIMIT_NUMBERS))
+        for row, line in zip(table, lines, strict=True):
+            row[: len(line or ())] = line or ()
+        names = [name for limit in limits for name in limit.row_names]
+        size = (ends[-1] if ends else 0) + nv
+        return cls(
+            nv,
+            size,
+            np.array(tasks, dtype=float).reshape(len(tasks), _kernel.TASK_NUMBERS),
+            np.array(vectors, dtype=float).reshape(len(tasks), 2, nv),
+            np.array([*ends, size], dtype=np.int64),
+            table,
+            _joints(its),
+            len(names),
+            (*arm.joints, *names),
+        )
+
+
+_ROWS = {_kernel.RCM: 2, _kernel.TIP: 3, _kernel.ROLL: 1}
+"""Rows of a task; of the others, one a joint."""
+
+
+def _own(item: Task | Limit, base: type) -> bool:
+    """Whether program() and evaluate() are of one class: a derived one may change evaluate()."""
+    classes = [cls for cls in type(item).__mro__ if cls is not base]
+    of = [next((cls for cls in classes if name in vars(cls)), None) for name in _BOTH]
+    return of[0] is of[1]
+
+
+_BOTH = ("evaluate", "program")
+
+
+def _joints(arm: Arm) -> Array:
+    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration])

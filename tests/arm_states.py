@@ -1,0 +1,107 @@
+"""Random states of real arms, and what an independent oracle says of hierarchical_qp there."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from oracle import Problem, certificate, primal_norms
+
+from rcmqp import ArmState, Insertion, Reference, load_scenario
+from rcmqp.controllers import HierarchicalQP
+from rcmqp.dualquaternion import from_se3
+from rcmqp.limits import JointLimits, combine
+from rcmqp.qp import HierarchySolution
+from rcmqp.reference import pose_rate
+from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask
+
+ARMS = ("lwa3", "panda", "ur5", "kinova")
+LEVELS = ("rcm", "tip", "roll", "objective", "rest")
+PERIOD = 1e-3
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the oracles say of one step.
+
+    Attributes:
+        active: whether a joint is at a bound.
+        reached: whether the RCM's level is reached, so that the ones below are put to the test.
+        differences: of each level's residual norm, from the primal oracle's [m/s], [rad/s].
+        unproved: how far the best multipliers are from proving the answer, the worst level.
+        kkt: the account's own worst residual.
+        answered: finite, inside the box, no safe stop, and exact by its own account.
+    """
+
+    active: bool
+    reached: bool
+    differences: tuple[float, ...]
+    unproved: float
+    kkt: float
+    answered: bool
+
+
+@functools.cache
+def controllers(arm: str) -> tuple[HierarchicalQP, HierarchicalQP]:
+    """Inside the limits of position and speed; and of acceleration, too."""
+    insertion = load_scenario("conical_helix", arm).insertion()
+    free, limited = (
+        HierarchicalQP(
+            insertion, PERIOD, limits=[JointLimits(insertion.arm, PERIOD, acceleration=limited)]
+        )
+        for limited in (False, True)
+    )
+    return free, limited
+
+
+def drawn(insertion: Insertion, rng: np.random.Generator) -> tuple[ArmState, Reference]:
+    """Anywhere inside the joint limits, moving; the view from 1 mm to a third of a metre away."""
+    arm = insertion.arm
+    angles = arm.random_angles(rng)
+    state = insertion.state(arm.configuration(angles), rng.uniform(-0.5, 0.5) * arm.velocity)
+    away = 10.0 ** rng.uniform(-3.0, -0.5)
+    x_d = from_se3(state.oMe * pin.exp6(away * rng.normal(size=6)))
+    pivot = state.oMe.act(np.array([*(0.1 * away * rng.normal(size=2)), rng.normal(scale=0.03)]))
+    pivot_dot, (omega, nu) = 0.02 * rng.normal(size=3), away * rng.normal(size=(2, 3))
+    return state, Reference(x_d, pose_rate(x_d, omega, nu, pivot_dot), pivot, pivot_dot)
+
+
+def verdict(arm: str, seed: int) -> Verdict:
+    """One step at a state drawn with ``seed``, against both oracles."""
+    free, limited = controllers(arm)
+    controller = limited if seed % 2 else free
+    insertion, rng = controller.insertion, np.random.default_rng([seed, ARMS.index(arm)])
+    state, reference = drawn(insertion, rng)
+    if controller is limited:  # as if it had followed, up to now
+        gain = PERIOD * insertion.arm.acceleration
+        gain = np.where(np.isfinite(gain), gain, 0.1)
+        before = free.step(state, reference).v + gain * rng.normal(size=gain.size)
+        state = insertion.state(state.q, before)
+        free.reset()
+    controller.reset()
+    answer = controller.step(state, reference)
+    account = answer.account
+    assert isinstance(account, HierarchySolution)
+    tasks = (
+        RcmTask(period=PERIOD),
+        TipTask(insertion.tip_depth),
+        RollTask(),
+        ObjectiveTask.made_for(insertion),
+    )
+    limits = [JointLimits(insertion.arm, PERIOD, acceleration=bool(seed % 2))]
+    problem = Problem(
+        [task.level(state, reference) for task in tasks], combine(limits, state, reference)
+    )
+    found = [np.linalg.norm(level.residual) for level in (*account.levels, account.rest)]
+    differences = np.abs(np.array(found) - primal_norms(problem))
+    inside = (problem.bounds.lower <= answer.v) & (answer.v <= problem.bounds.upper)
+    return Verdict(
+        bool(account.at_lower.any() or account.at_upper.any()),
+        account.levels[0].reached,
+        tuple(map(float, differences)),
+        max(certificate(problem, answer.v)),
+        max(level.kkt for level in (*account.levels, account.rest)),
+        bool(inside.all()) and not answer.stop and account.exact,
+    )

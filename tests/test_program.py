@@ -1,0 +1,114 @@
+"""Compiled rows say what the tasks and limits in Python say."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers import assert_allclose
+
+from rcmqp import ArmState, Insertion, Reference, load_scenario
+from rcmqp.controllers import HierarchicalQP
+from rcmqp.controllers.hierarchical_qp import default_limits
+from rcmqp.controllers.program import LevelOfTasks, Program
+from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit
+from rcmqp.objectives import JointCentring
+from rcmqp.qp import HierarchySolution
+from rcmqp.tasks import DepthTask, ObjectiveTask, PostureTask, RcmTask, RollTask, TipTask
+
+T = 1e-3
+ARMS = ("lwa3", "panda", "meka_a2", "kinova")
+
+Cut = Callable[[Insertion], tuple[list[LevelOfTasks] | None, list[Limit] | None]]
+
+
+def posture_below_the_tool(insertion: Insertion) -> tuple[list[LevelOfTasks], None]:
+    tool = TipTask(insertion.tip_depth, gain=30.0, weight=2.0) + RollTask(weight=0.01)
+    return [RcmTask(), tool, PostureTask.made_for(insertion)], None
+
+
+def a_moving_sphere(insertion: Insertion) -> tuple[None, list[Limit]]:
+    sphere = KeepOut(
+        centre=(0.01, 0.02, -0.05),
+        radius=0.02,
+        instrument=insertion.instrument,
+        tip_depth=insertion.tip_depth,
+        velocity=(0.01, 0.0, -0.02),
+        on_trocar=True,
+        part="tip",
+    )
+    return None, [JointLimits(insertion.arm, T, margin=0.01, acceleration=False), sphere]
+
+
+CUTS: dict[str, Cut] = {
+    "default": lambda insertion: (None, None),
+    "posture below the tool": posture_below_the_tool,
+    "a moving sphere": a_moving_sphere,
+}
+
+
+def drawn(insertion: Insertion, rng: np.random.Generator) -> tuple[ArmState, Reference]:
+    arm = insertion.arm
+    angles = insertion.angles_start + 10.0 ** rng.uniform(-4, -0.5) * rng.normal(size=arm.nv)
+    v = 10.0 ** rng.uniform(-3, -0.5) * arm.velocity * rng.uniform(-1, 1, size=arm.nv)
+    near = insertion.state(arm.configuration(angles + 0.02 * rng.normal(size=arm.nv)))
+    pivot = np.array(insertion.trocar.pivot) + 1e-3 * rng.normal(size=3)
+    reference = Reference(near.x, 0.1 * rng.normal(size=8), pivot, 0.02 * rng.normal(size=3))
+    return insertion.state(arm.configuration(angles), v), reference
+
+
+@pytest.mark.parametrize("cut", CUTS)
+@pytest.mark.parametrize("arm", ARMS)
+def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str) -> None:
+    name = "conical_helix" if arm == "kinova" else "obstacle"
+    insertion, rng, active = load_scenario(name, arm).insertion(), np.random.default_rng(7), 0
+    levels, limits = CUTS[cut](insertion)
+    fused, plain = (
+        HierarchicalQP(insertion, T, backend="active_set", levels=levels, limits=limits)
+        for _ in range(2)
+    )
+    assert fused._program is not None
+    object.__setattr__(plain, "_program", None)
+    for _ in range(15):
+        cycle = drawn(insertion, rng)
+        answer, expected = fused.step(*cycle), plain.step(*cycle)
+        scale = max(1.0, float(np.abs(expected.v).max()))
+        assert_allclose(answer.v, expected.v, rtol=0, atol=1e-10 * scale)
+        one, other = answer.account, expected.account
+        assert isinstance(one, HierarchySolution)
+        assert isinstance(other, HierarchySolution)
+        assert one.names == other.names
+        assert one.active() == other.active()
+        for mine, theirs in zip(one.levels, other.levels, strict=True):
+            assert mine.name == theirs.name
+            assert_allclose(mine.residual, theirs.residual, rtol=1e-9, atol=1e-9)
+        assert answer.diagnostics.keys() == expected.diagnostics.keys()
+        active += answer.diagnostics["joints_at_limit"] > 0
+    assert active >= 3
+
+
+def test_what_compiled_code_does_not_know_is_asked_in_python() -> None:
+    insertion = load_scenario("conical_helix", "panda").insertion()
+    arm, known = insertion.arm, default_limits(insertion, T, 60.0)
+    centring = ObjectiveTask(JointCentring(arm))
+    sphere = KeepIn(
+        centre=(0.0, 0.0, 0.0), radius=9.0, instrument=insertion.instrument, tip_depth=0.1
+    )
+    assert Program.of([RcmTask()], known, arm) is not None
+    assert Program.of([RcmTask(), DepthTask()], known, arm) is None
+    assert Program.of([RcmTask(), centring], known, arm) is None
+    assert Program.of([RcmTask()], [*known, sphere], arm) is None
+    other = load_scenario("conical_helix", "lwa3").insertion().arm
+    assert Program.of([RcmTask()], [JointLimits(other, T)], arm) is None
+
+
+def test_a_derived_task_is_not_taken_for_the_one_it_derives_from() -> None:
+    class Lazy(RcmTask):
+        def evaluate(self, state: ArmState, reference: Reference):  # type: ignore[no-untyped-def]
+            found = super().evaluate(state, reference)
+            return dataclasses.replace(found, error=np.zeros(2))
+
+    insertion = load_scenario("conical_helix", "panda").insertion()
+    assert Program.of([Lazy()], [], insertion.arm) is None
