@@ -1,0 +1,68 @@
+"""What a run's file says that follows from what a cycle leaves: errors, depth, tilt, and so on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rcmqp import dualquaternion as dq
+from rcmqp.dualquaternion import Array
+from rcmqp.insertion import Insertion, insertion_depth, rcm_error, tilt
+from rcmqp.scenario import Scenario
+
+
+class Derived:
+    """Channels of a run out of the rows that its cycles leave, block after block.
+
+    The blocks' sizes do not matter, to the bit.
+    """
+
+    def __init__(self, scenario: Scenario, insertion: Insertion) -> None:
+        self._scenario, self._insertion = scenario, insertion
+        self._done = 0
+        self._x: Array | None = None
+
+    def of(self, rows: Mapping[str, Array]) -> dict[str, Array]:
+        """What the next rows say.
+
+        Args:
+            rows: x, x_d (n, 8) as dual quaternions of either sign, and J (n, 6, nv), the
+                effector's Jacobian.
+
+        Returns:
+            Arrays of n rows: every channel of Run that is not in what a cycle leaves; and x and
+            x_d, with their signs as Run has them.
+        """
+        scenario, insertion = self._scenario, self._insertion
+        cycles = range(self._done, self._done + len(rows["x"]))
+        self._done = cycles.stop
+        T = scenario.period
+        pivot = scenario.pivots(cycles)
+        x = self._continuous(rows["x"])
+        x_d = dq.align_sign(rows["x_d"], x)
+        tip, tip_d = insertion.tip(x), insertion.tip(x_d)
+        return {
+            "time": T * np.arange(cycles.start, cycles.stop, dtype=float),
+            "pivot": pivot,
+            "x": x,
+            "x_d": x_d,
+            "tip": tip,
+            "tip_d": tip_d,
+            "tip_error": np.linalg.norm(tip - tip_d, axis=-1),
+            "effector_error": np.linalg.norm(dq.translation(x) - dq.translation(x_d), axis=-1),
+            "orientation_error": dq.angle_between(x, x_d),
+            "rcm_error": rcm_error(x, pivot),
+            "depth": insertion_depth(x, pivot, insertion.tip_depth),
+            "tilt": tilt(x, np.array(scenario.trocar.axis)),
+            "singular_value": np.asarray(np.linalg.svd(rows["J"], compute_uv=False)[:, -1]),
+        }
+
+    def _continuous(self, x: Array) -> Array:
+        """Poses (n, 8) with signs such that each is on the side of the one before."""
+        before = x[:1] if self._x is None else self._x
+        chain = np.concatenate([before, x])
+        same = np.sum(chain[1:, :4] * chain[:-1, :4], axis=1) >= 0.0
+        found = np.cumprod(np.where(same, 1.0, -1.0))[:, None] * x
+        self._x = found[-1:]
+        return np.asarray(found)

@@ -1,0 +1,542 @@
+"""The real-time loop against a clock that tests set, and a robot that does as it is told."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from rich.console import Console
+
+import rcmqp
+from rcmqp.arm import ArmState
+from rcmqp.braking import braking
+from rcmqp.controllers import Command, Controller
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.insertion import rcm_error
+from rcmqp.latency import EDGES, LatencyCounter
+from rcmqp.loop_report import LoopReport
+from rcmqp.realtime import HOLD, WARM_UP, Stamped, run_realtime
+from rcmqp.reference import Reference
+
+T = 0.001
+TICK = 1e-6
+HELD = round(HOLD / T)
+
+
+class Clock:
+    """Each look at it takes a microsecond; sleeping takes as long as asked, and ``extra``."""
+
+    def __init__(self, extra: float = 0.0) -> None:
+        self.now, self.extra = 100.0, extra
+        self.slept: list[float] = []
+
+    def __call__(self) -> float:
+        self.now += TICK
+        return self.now
+
+    def sleep(self, duration: float) -> None:
+        assert duration > 0.0
+        self.slept.append(duration)
+        self.now += duration + self.extra
+
+
+@dataclass
+class Arm:
+    """Joints that move as commanded; ``on_read`` and ``on_send`` are called with a count."""
+
+    insertion: rcmqp.Insertion
+    clock: Clock
+    on_read: Callable[[int], None] = lambda k: None
+    on_send: Callable[[int], None] = lambda k: None
+    spoil: Callable[[int, Array], Array] = lambda k, q: q
+    spoil_v: Callable[[int, Array], Array] = lambda k, v: v
+    read_at: list[float] = field(default_factory=list)
+    sent: list[Array] = field(default_factory=list)
+    sent_at: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.q, self.v = np.array(self.insertion.q_start), np.zeros(self.insertion.arm.nv)
+
+    def read(self) -> tuple[ArrayLike, ArrayLike]:
+        self.read_at.append(self.clock.now)
+        self.on_read(len(self.sent))
+        k = len(self.sent)
+        return self.spoil(k, self.q.copy()), self.spoil_v(k, self.v)
+
+    def send(self, v: Array) -> None:
+        self.on_send(len(self.sent))
+        assert not v.flags.writeable
+        self.sent.append(v.copy())
+        self.sent_at.append(self.clock.now)
+        self.q, self.v = self.insertion.arm.integrate(self.q, v, T), v
+
+
+@pytest.fixture(scope="module")
+def insertion() -> rcmqp.Insertion:
+    return rcmqp.Insertion.on_shaft(rcmqp.load_arm("panda"), rcmqp.Instrument())
+
+
+def view(insertion: rcmqp.Insertion, t: float) -> Stamped:
+    """Looking ever further to the right, at 0.3 rad/s, from t = 0 on."""
+    command = rcmqp.ViewCommand(alpha=0.3 * t, alpha_dot=0.3)
+    return Stamped(rcmqp.view_pose(insertion.x_rcm, command), t)
+
+
+def run(
+    robot: Arm,
+    duration: float = 0.02,
+    references: Callable[[float], Stamped] | None = None,
+    controller: Controller | None = None,
+    **options: Any,
+) -> LoopReport:
+    insertion = robot.insertion
+    made = rcmqp.make_controller("dual_quaternion", insertion, T, feed_forward=True)
+    return run_realtime(
+        robot,
+        controller or made,
+        references or (lambda t: view(insertion, t)),
+        duration,
+        clock=robot.clock,
+        sleep=robot.clock.sleep,
+        **options,
+    )
+
+
+# Time --------------------------------------------------------------------------------------
+
+
+def test_cycles_keep_to_the_grid_whatever_each_takes(insertion: rcmqp.Insertion) -> None:
+    clock = Clock()
+    rng = np.random.default_rng(7)
+
+    def work(k: int) -> None:
+        clock.now += rng.uniform(0.0, 0.7 * T)
+
+    robot = Arm(insertion, clock, on_read=work)
+    report = run(robot, 0.5)
+    begun = np.array(robot.read_at[WARM_UP : WARM_UP + 500])
+    np.testing.assert_allclose(begun - begun[0], T * np.arange(500), rtol=0, atol=5 * TICK)
+    assert (report.cycles - report.braking, report.missed, report.skipped) == (500, 0, 0)
+    assert report.wake.worst < 5 * TICK
+    assert 0.6 * T < report.answer.worst < 0.75 * T
+
+
+def test_the_last_of_each_wait_is_spun(insertion: rcmqp.Insertion) -> None:
+    """A sleep that lasts 150 us too long is punctual with 200 us to spin, and not with none."""
+    punctual = run(Arm(insertion, clock := Clock(extra=150e-6)), spin=200e-6)
+    assert punctual.wake.worst < 5 * TICK
+    assert max(clock.slept) < T - 200e-6
+    late = run(Arm(insertion, Clock(extra=150e-6)), spin=0.0)
+    assert late.wake.quantile(0.01) > 100e-6
+
+
+def test_a_slow_cycle_is_counted_and_the_rest_stay_on_the_grid(insertion: rcmqp.Insertion) -> None:
+    clock = Clock()
+
+    def work(k: int) -> None:
+        clock.now += 3.4 * T if k == 5 else 0.2 * T
+
+    robot = Arm(insertion, clock, on_read=work)
+    report = run(robot, 0.02)
+    assert (report.missed, report.skipped) == (1, 2)  # it was due at 5, the next that runs at 8
+    assert report.cycles - report.braking == 18
+    begun = np.array(robot.read_at[WARM_UP : WARM_UP + 18])
+    begun = (begun - begun[0]) / T
+    np.testing.assert_allclose(begun[:6], np.arange(6), rtol=0, atol=0.01)
+    np.testing.assert_allclose(begun[6], 8.4, rtol=0, atol=0.05)  # at once, it is due already
+    np.testing.assert_allclose(begun[7:], np.arange(9, 20), rtol=0, atol=0.01)
+    assert report.answer.worst == pytest.approx(3.4 * T, rel=0.01)
+    assert report.answer.worst_at == pytest.approx(8.4 * T, rel=0.01)
+    assert report.stop.fault == ""
+
+
+# What is sent ------------------------------------------------------------------------------
+
+
+def test_the_warm_up_sends_nothing_and_leaves_no_trace(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock())
+    resets: list[int] = []
+
+    class Counting(rcmqp.Controller):
+        name: ClassVar[str] = "counting"
+
+        def reset(self) -> None:
+            resets.append(len(robot.read_at))
+
+        def _step(self, state: ArmState, reference: Reference) -> Command:
+            return Command(np.full(7, 1e-3))
+
+    run(robot, controller=Counting(insertion, T))
+    assert resets == [WARM_UP]
+    assert len(robot.sent) == 20 + 1 + HELD
+    assert len(robot.read_at) == WARM_UP + len(robot.sent)  # and while braking: it keeps in touch
+
+
+def test_commands_are_those_of_the_controller_until_the_end(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock())
+    run(robot, 0.02)
+    controller = rcmqp.make_controller("dual_quaternion", insertion, T, feed_forward=True)
+    q = insertion.q_start
+    for k in range(20):
+        state = insertion.state(q)
+        np.testing.assert_allclose(
+            robot.sent[k],
+            controller.step(state, view(insertion, k * T).reference).v,
+            rtol=0,
+            atol=1e-3,  # the loop looks at its clock a few microseconds later
+        )
+        q = insertion.arm.integrate(q, robot.sent[k], T)
+
+
+def test_the_controller_is_told_the_last_command_and_at_the_start_the_measured_velocity(
+    insertion: rcmqp.Insertion,
+) -> None:
+    told: list[Array] = []
+
+    class Listening(rcmqp.Controller):
+        name: ClassVar[str] = "listening"
+
+        def _step(self, state: ArmState, reference: Reference) -> Command:
+            told.append(state.v)
+            return Command(np.full(7, 1e-3 * len(told)))
+
+    robot = Arm(insertion, Clock(), spoil_v=lambda k, v: (v + 0.5).tolist())
+    run(robot, controller=Listening(insertion, T))
+    assert np.array_equal(told[: WARM_UP + 1], np.full((WARM_UP + 1, 7), 0.5))
+    assert np.array_equal(told[WARM_UP + 1 :], robot.sent[:19])
+
+
+def nan_at(k: int, q: Array) -> Array:
+    return q * np.nan if k == 10 else q
+
+
+def inf_at(k: int, q: Array) -> Array:
+    return q - np.inf if k == 10 else q
+
+
+def fails_at(what: BaseException) -> Callable[[int], None]:
+    """Once, after ten commands."""
+    left = [what]
+
+    def fail(k: int) -> None:
+        if k == 10 and left:
+            raise left.pop()
+
+    return fail
+
+
+def is_gone(k: int) -> None:
+    if k >= 10:
+        raise OSError("gone for good")
+
+
+@dataclass(frozen=True, eq=False)
+class Spoilt(Controller):
+    """Answers ``answer`` from its tenth command on, or raises it."""
+
+    name: ClassVar[str] = "spoilt"
+
+    robot: Any = None
+    answer: Any = None
+    before: Any = None
+
+    def step(self, state: ArmState, reference: Reference) -> Command:
+        if len(self.robot.sent) < 10:
+            return Command(np.full(7, 0.2) if self.before is None else self.before)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return Command(self.answer)
+
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        raise NotImplementedError
+
+
+FAULTS: dict[str, tuple[str, Callable[[rcmqp.Insertion, Clock], dict[str, Any]]]] = {
+    "NaN reading": ("not finite", lambda i, c: {"spoil": nan_at}),
+    "infinite reading": ("configuration q is not finite", lambda i, c: {"spoil": inf_at}),
+    "NaN velocity": ("joint velocity v is not finite", lambda i, c: {"spoil_v": nan_at}),
+    "failed reading": ("OSError: gone", lambda i, c: {"on_read": fails_at(OSError("gone"))}),
+    "no more readings": ("OSError: gone for good", lambda i, c: {"on_read": is_gone}),
+    "failed sending": ("OSError: full", lambda i, c: {"on_send": fails_at(OSError("full"))}),
+    "Ctrl-C": ("interrupted", lambda i, c: {"on_read": fails_at(KeyboardInterrupt())}),
+}
+REFERENCE_FAULTS: dict[str, tuple[str, Callable[[rcmqp.Insertion, float], Stamped]]] = {
+    "stale": ("LoopFault: the newest reference is 0.011", lambda i, t: view(i, -1.5e-3)),
+    "stamped NaN": (
+        "LoopFault: the newest reference is nan",
+        lambda i, t: dataclasses.replace(view(i, t), at=np.nan),
+    ),
+    "failed": ("ZeroDivisionError", lambda i, t: view(i, 1.0 / 0.0)),
+}
+
+
+def assert_stopped(robot: Arm, report: LoopReport, fault: str) -> None:
+    """Ten commands, then down to zero inside the limits, then zero, and a report that says so."""
+    assert fault in report.stop.fault
+    assert report.stop.at == pytest.approx(10 * T, abs=0.3 * T)
+    v, arm = np.array(robot.sent), robot.insertion.arm
+    assert np.abs(v[9]).max() > 1e-2
+    steps = np.abs(np.diff(v[9:], axis=0))
+    assert (steps <= arm.acceleration * T * (1.0 + 1e-9)).all()
+    slower = np.abs(v[10:]) - np.abs(v[9:-1])
+    assert (slower <= 0.0).all()
+    assert np.any(slower[0] < 0.0)  # not the last command once more
+    assert (v[-HELD:] == 0.0).all()
+    assert len(v) == 10 + report.braking
+    assert report.unsent == 0
+    assert robot.sent_at[10] - robot.sent_at[9] < 1.2 * T  # at once, not a cycle later
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_of_the_robot_ends_in_the_safe_stop(name: str, insertion: rcmqp.Insertion) -> None:
+    fault, options = FAULTS[name]
+    robot = Arm(insertion, clock := Clock())
+    for key, value in options(insertion, clock).items():
+        setattr(robot, key, value)
+    assert_stopped(robot, run(robot, 1.0), fault)
+
+
+def test_an_exit_in_the_loop_waits_for_the_safe_stop(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock(), on_read=fails_at(SystemExit(3)))
+    with pytest.raises(SystemExit):
+        run(robot, 1.0)
+    assert len(robot.sent) > 10 + HELD
+    assert (robot.v == 0.0).all()
+
+
+@pytest.mark.parametrize("name", REFERENCE_FAULTS)
+def test_a_fault_of_the_reference_ends_in_the_safe_stop(
+    name: str, insertion: rcmqp.Insertion
+) -> None:
+    fault, spoilt = REFERENCE_FAULTS[name]
+    robot = Arm(insertion, Clock())
+
+    def references(t: float) -> Stamped:
+        return view(insertion, t) if len(robot.sent) < 10 else spoilt(insertion, t)
+
+    report = run(robot, 1.0, references, reference_age=0.01)
+    assert_stopped(robot, report, fault)
+
+
+@pytest.mark.parametrize(
+    ("answer", "fault"),
+    [
+        (ValueError("no"), "ValueError: no"),
+        (np.full(7, np.nan), "InvalidCommand: spoilt answered"),
+        (np.zeros(6), "InvalidCommand: spoilt answered"),
+    ],
+    ids=["raises", "NaN", "wrong size"],
+)
+def test_a_fault_of_the_controller_ends_in_the_safe_stop(
+    answer: object, fault: str, insertion: rcmqp.Insertion
+) -> None:
+    robot = Arm(insertion, Clock())
+    report = run(robot, 1.0, controller=Spoilt(insertion, T, robot, answer))
+    assert_stopped(robot, report, fault)
+    assert isinstance(report.stop.error, Exception)
+
+
+def test_a_command_that_would_be_too_late_is_not_sent(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, clock := Clock())
+
+    def work(k: int) -> None:
+        clock.now += 5.0 * T if k == 10 else 0.0
+
+    robot.on_read = work
+    report = run(robot, 1.0, lateness=4.0 * T)
+    assert "LoopFault: a command was 0.005" in report.stop.fault
+    slowed = np.abs(robot.sent[10]) - np.abs(robot.sent[9])
+    assert (slowed <= 0.0).all()
+    assert (robot.sent[-1] == 0.0).all()
+    assert report.missed == 1
+
+
+def test_the_stop_is_tried_to_the_end_when_sending_fails(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock())
+
+    def fail(k: int) -> None:
+        if k >= 10:
+            raise OSError("cable")
+
+    robot.on_send = fail
+    report = run(robot, 1.0)
+    assert report.stop.fault == "OSError: cable"
+    assert report.unsent == report.braking > HELD
+
+
+def test_a_fault_before_the_loop_is_raised_and_nothing_is_sent(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock(), spoil=lambda k, q: q * np.nan)
+    with pytest.raises(RcmqpError, match="not finite"):
+        run(robot)
+    assert robot.sent == []
+
+
+# The safe stop -----------------------------------------------------------------------------
+
+
+def test_braking_slows_all_joints_in_proportion_and_as_fast_as_they_may(
+    insertion: rcmqp.Insertion,
+) -> None:
+    arm, v = insertion.arm, np.array([0.3, -0.2, 0.1, 0.05, 0.0, -0.4, 0.2])
+    found = braking(arm, insertion.angles_start, v, T)
+    shares = found[:, 0] / v[0]
+    np.testing.assert_allclose(found, shares[:, None] * v, rtol=0, atol=1e-15)
+    fastest = np.max(np.abs(np.diff(found, axis=0, prepend=v[None])) / (arm.acceleration * T))
+    assert 0.95 < fastest <= 1.0
+    assert len(found) == np.ceil(np.max(np.abs(v) / (arm.acceleration * T)))
+    assert (found[-1] == 0.0).all()
+
+
+def test_braking_keeps_the_shaft_on_the_trocar(insertion: rcmqp.Insertion) -> None:
+    """Ten times nearer than if each joint stopped by itself."""
+    robot = Arm(insertion, Clock())
+    run(robot, 0.3)
+    q, errors = insertion.q_start, {}
+    for v in robot.sent[:300]:
+        q = insertion.arm.integrate(q, v, T)
+    alone = np.abs(robot.sent[299]) - insertion.arm.acceleration * T * np.arange(1, 300)[:, None]
+    alone = np.sign(robot.sent[299]) * np.maximum(alone, 0.0)
+    for name, commands in (("together", robot.sent[300:]), ("alone", list(alone))):
+        end = q
+        for v in commands:
+            end = insertion.arm.integrate(end, v, T)
+        errors[name] = float(rcm_error(insertion.state(end).x, insertion.trocar.pivot))
+    assert errors["together"] < 0.1 * errors["alone"]
+
+
+def test_braking_stays_inside_the_position_limits_where_each_joint_could(
+    insertion: rcmqp.Insertion,
+) -> None:
+    """A joint that is quick to stop stands before its limit; another is slow to stop."""
+    arm, v = insertion.arm, np.zeros(7)
+    v[1], v[6] = 1.0, 0.5
+    angles = np.array(insertion.angles_start)
+    angles[6] = arm.upper[6] - T * v[6] - 0.55 * v[6] ** 2 / arm.acceleration[6]
+    found = braking(arm, angles, v, T)
+    ends = angles + T * (v + found.sum(axis=0))
+    assert (ends <= arm.upper).all()
+    assert np.all(np.abs(np.diff(found, axis=0, prepend=v[None])) <= arm.acceleration * T + 1e-12)
+    assert (found[-1] == 0.0).all()
+
+
+def test_a_loop_that_ends_before_a_position_limit_stays_inside_it() -> None:
+    arm, v = rcmqp.load_arm("panda"), np.zeros(7)
+    v[1], v[6] = 1.0, 0.5
+    angles = np.array(arm.home)
+    angles[6] = arm.upper[6] - 20 * T * v[6] - 0.6 * v[6] ** 2 / arm.acceleration[6]
+    insertion = rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument(), angles)
+    robot = Arm(insertion, Clock())
+    run(robot, 20 * T, controller=Spoilt(insertion, T, robot, v, v))
+    assert (robot.v == 0.0).all()
+    assert robot.q[6] <= arm.upper[6]
+
+
+def test_braking_is_at_once_where_no_acceleration_limit_is_known(
+    insertion: rcmqp.Insertion,
+) -> None:
+    arm = insertion.arm.with_effector(insertion.arm._jMe)
+    arm.acceleration = np.full(7, np.inf)
+    found = braking(arm, insertion.angles_start, np.full(7, 0.3), T)
+    assert found.shape == (1, 7)
+    assert (found == 0.0).all()
+
+
+# Around it ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_garbage_is_not_collected_in_the_loop_and_again_after_it(
+    enabled: bool, insertion: rcmqp.Insertion
+) -> None:
+    seen: list[tuple[bool, bool]] = []
+    robot = Arm(insertion, Clock())
+
+    def look(k: int) -> None:
+        if k in (0, 19, 200):
+            seen.append((gc.isenabled(), gc.get_freeze_count() > 0))
+
+    robot.on_send = look
+    before = gc.isenabled()
+    try:
+        (gc.enable if enabled else gc.disable)()
+        run(robot)
+        assert set(seen) == {(False, True)}
+        assert gc.isenabled() == enabled
+        assert gc.get_freeze_count() == 0
+    finally:
+        (gc.enable if before else gc.disable)()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"duration": 0.0}, {"duration": np.inf}, {"reference_age": np.nan}, {"spin": 0.002}],
+    ids=str,
+)
+def test_times_that_make_no_sense_are_refused(
+    options: dict[str, Any], insertion: rcmqp.Insertion
+) -> None:
+    robot = Arm(insertion, Clock())
+    with pytest.raises(OptionError, match=next(iter(options))):
+        run(robot, **options)
+    assert robot.read_at == []
+
+
+def test_cycles_that_the_controller_itself_stops_are_counted(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock())
+
+    def references(t: float) -> Stamped:
+        good = view(insertion, t)
+        bad = dataclasses.replace(good.reference, pivot=np.full(3, np.nan))
+        return Stamped(bad, t) if len(robot.sent) in (0, *range(15, 20)) else good
+
+    controller = rcmqp.make_controller("hierarchical_qp", insertion, T)
+    report = run(robot, 0.02, references, controller)
+    assert report.controller_stops == 6  # those of the warm-up not
+    assert report.stop.fault == ""
+
+
+def test_delays_are_counted_to_the_width_of_a_bin() -> None:
+    rng = np.random.default_rng(7)
+    delays = 10.0 ** rng.uniform(-5.5, -1.5, 2000)
+    counter = LatencyCounter()
+    for k, delay in enumerate(delays):
+        counter.add(float(delay), float(k))
+    found = counter.latency()
+    assert found.total == 2000
+    assert (found.worst, found.worst_at) == (delays.max(), float(delays.argmax()))
+    for share in (0.0, 0.01, 0.5, 0.99, 1.0):
+        exact = np.quantile(delays, share, method="inverted_cdf")
+        assert exact <= found.quantile(share) <= 1.13 * exact
+    for bound in (EDGES[0], 1e-3, EDGES[-1]):
+        assert found.above(bound) == (delays > bound).sum()
+
+
+def test_no_delay_or_one_beyond_every_bin_is_told_too() -> None:
+    counter = LatencyCounter()
+    assert counter.latency().quantile(0.5) == 0.0
+    counter.add(100.0, 1.0)
+    assert counter.latency().quantile(0.5) == 100.0
+    assert counter.latency().above(EDGES[-1]) == 1
+
+
+def test_the_report_prints_what_it_holds(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, Clock(), spoil=nan_at)
+    report = run(robot, 1.0)
+    stream = io.StringIO()
+    Console(file=stream, width=200).print(report)
+    for text in (report.as_markdown(), stream.getvalue()):
+        assert "dual_quaternion" in text
+        assert f"brake, {report.braking} cycles" in text
+        assert "InvalidCommand: configuration q is not finite" in text
+    rows = report.histogram()
+    for column, delays in ((1, report.wake), (2, report.answer)):
+        assert sum(int(row[column]) for row in rows) == delays.total == report.cycles
+    assert f"| 50 us to 100 us | {rows[1][1]} | {rows[1][2]} |" in report.as_markdown()
