@@ -1,0 +1,179 @@
+// The page's one clock, and everything that it drives: scene, endoscope, plots, legend.
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
+const MAGNIFY = [1, 10, 100, 1000];
+
+const $ = (id) => document.getElementById(id);
+
+for (const kind of ["error", "unhandledrejection"])
+  window.addEventListener(kind, (event) => {
+    const why = event.reason?.message ?? event.message;
+    if ($("wait")) $("wait").textContent = `this browser cannot show the run: ${why}`;
+  });
+
+await runScript("meshcat-gz");
+const data = await readData();
+const stage = new Stage($("scene"), $("scope"), data);
+const duration = Math.max(...data.runs.map((run) => run.frames.time.at(-1)));
+const state = { time: 0, playing: false, speed: 1, main: 0, ghosts: false, limits: false, close: false, magnify: fitting() };
+let plots = null;
+
+// The largest magnification that keeps the RCM error, at its largest, within 3 cm.
+function fitting() {
+  const most = Math.max(...data.runs.flatMap((run) => [...run.curves.rcm_error[1]]));
+  return MAGNIFY.findLast((factor) => factor * most <= 30) ?? 1;
+}
+
+function seek(t) {
+  state.time = Math.max(0, Math.min(duration, t));
+  stage.seek(state.time);
+  plots?.move(state.time);
+  $("time").value = state.time;
+  $("clock").textContent = `${state.time.toFixed(2)} / ${duration.toFixed(2)} s`;
+  data.runs.forEach((run, i) => {
+    const [, tip, rcm, depth] = $("legend").querySelectorAll("tbody tr")[i].cells;
+    tip.textContent = micrometres(sample(run, "tip_error", state.time)[0]);
+    rcm.textContent = micrometres(Math.hypot(...sample(run, "slip", state.time)));
+    depth.textContent = `${(1e3 * sample(run, "depth", state.time)[0]).toFixed(1)} mm`;
+  });
+}
+
+function play(on = true) {
+  if (on && state.time >= duration) seek(0);
+  state.playing = on;
+  $("play").innerHTML = on ? "&#10074;&#10074;" : "&#9654;";
+  $("play").setAttribute("aria-label", on ? "pause" : "play");
+}
+
+function choose(changes) {
+  Object.assign(state, changes);
+  const { main, ghosts, limits, magnify } = state;
+  stage.choose({ main, ghosts, limits, magnify, close: changes.close });
+  for (const name of ["ghosts", "limits"]) $(name).setAttribute("aria-pressed", state[name]);
+  $("frame").setAttribute("aria-pressed", state.close);
+  $("magnify").value = magnify;
+  $("speed").value = state.speed;
+  [...$("legend").querySelectorAll("tbody tr")].forEach((row, i) => row.classList.toggle("main", i === main));
+  if (changes.main !== undefined) plots?.draw(main);
+}
+
+function theme(name) {
+  document.documentElement.dataset.theme = name;
+  $("theme").setAttribute("aria-pressed", name === "dark");
+  stage.theme(name);
+  plots?.draw(state.main);
+}
+
+function step(list, value, by) {
+  return list[Math.max(0, Math.min(list.length - 1, list.indexOf(value) + by))];
+}
+
+const KEYS = {
+  " ": () => play(!state.playing),
+  ArrowRight: (event) => seek(state.time + (event.shiftKey ? 1 : 0.05)),
+  ArrowLeft: (event) => seek(state.time - (event.shiftKey ? 1 : 0.05)),
+  Home: () => seek(0),
+  End: () => seek(duration),
+  "+": () => choose({ speed: step(SPEEDS, state.speed, 1) }),
+  "=": () => choose({ speed: step(SPEEDS, state.speed, 1) }),
+  "-": () => choose({ speed: step(SPEEDS, state.speed, -1) }),
+  l: () => choose({ limits: !state.limits }),
+  g: () => choose({ ghosts: !state.ghosts }),
+  f: () => choose({ close: !state.close }),
+  b: () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
+  e: () => choose({ magnify: MAGNIFY[(MAGNIFY.indexOf(state.magnify) + 1) % MAGNIFY.length] }),
+};
+
+function furnishControls() {
+  for (const value of SPEEDS) $("speed").add(new Option(`\u00d7${value}`, value));
+  for (const value of MAGNIFY) $("magnify").add(new Option(`\u00d7${value}`, value));
+  $("time").max = duration;
+  $("time").addEventListener("input", () => seek(Number($("time").value)));
+  $("play").addEventListener("click", () => play(!state.playing));
+  $("speed").addEventListener("change", () => choose({ speed: Number($("speed").value) }));
+  $("magnify").addEventListener("change", () => choose({ magnify: Number($("magnify").value) }));
+  for (const [id, key] of [["limits", "l"], ["ghosts", "g"], ["frame", "f"], ["theme", "b"]])
+    $(id).addEventListener("click", () => KEYS[key]());
+  $("ghosts").hidden = data.runs.length < 2;
+  $("targets").hidden = data.scene.targets.length === 0;
+  window.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    if (event.key === " " && event.target.tagName === "BUTTON") return; // the button's own
+    const act = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!act) return;
+    event.preventDefault();
+    act(event);
+  });
+  // What was clicked does not keep the keys to itself.
+  const release = (event) => event.detail !== 0 && document.activeElement.blur();
+  for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", release);
+  for (const id of ["time", "speed", "magnify"]) $(id).addEventListener("change", release);
+  data.runs.forEach((run, i) => {
+    const row = $("legend").querySelector("tbody").insertRow();
+    for (let cell = 0; cell < 4; cell++) row.insertCell();
+    const swatch = document.createElement("i");
+    swatch.style.background = run.colour;
+    row.cells[0].append(swatch, run.label);
+    row.title = "click: the arm of this run is solid, and the endoscope is its own";
+    row.addEventListener("click", () => choose({ main: i }));
+    const mark = document.createElement("span");
+    mark.append(swatch.cloneNode(), run.label);
+    $("caption").append(mark);
+  });
+}
+
+let last = performance.now();
+function tick(now) {
+  const passed = Math.min(0.25, (now - last) / 1000);
+  last = now;
+  if (state.playing) {
+    seek(state.time + state.speed * passed);
+    if (state.time >= duration) play(false);
+  }
+  stage.render();
+  requestAnimationFrame(tick);
+}
+
+// #scene, #endoscope: only that, as large as the window, for pictures.
+const solo = location.hash.slice(1);
+if (solo) document.body.dataset.solo = solo;
+else await runScript("plotly-gz");
+furnishControls();
+theme(document.documentElement.dataset.theme);
+stage.resize();
+choose({});
+seek(0);
+if (!solo) {
+  plots = new Plots($("plots"), data.runs, seek);
+  await plots.draw(0);
+}
+$("wait").remove();
+requestAnimationFrame(tick);
+
+// For tests, pictures and video. What is changed is drawn with the browser's next frame, or by
+// draw(); picture() draws, and returns one pane as a PNG's data URL.
+window.rcmqp = {
+  duration,
+  openedIn: performance.now(), // [ms] since the browser was told to open the page
+  get time() { return state.time; },
+  get playing() { return state.playing; },
+  get speed() { return state.speed; },
+  seek,
+  play: () => play(true),
+  pause: () => play(false),
+  choose,
+  theme,
+  draw: () => stage.render(),
+  pose: (run, link) => stage.arms[run].matrix(link),
+  show(name, on) {
+    const objects = name === "arm" ? [stage.arms[state.main].base] : stage.things[name];
+    for (const object of objects) object.visible = on;
+    stage.dirty = true;
+  },
+  picture(which = "scene") {
+    stage.dirty = true;
+    stage.render();
+    return (which === "scene" ? stage.viewer.renderer : stage.scope).domElement.toDataURL();
+  },
+};
+document.documentElement.dataset.ready = "";

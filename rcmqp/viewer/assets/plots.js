@@ -1,0 +1,83 @@
+// Errors, joint speed and singular value over time, with a cursor, by plotly.
+
+const PLOTS = [
+  ["tip_error", "tip error [mm]"],
+  ["rcm_error", "RCM error [mm]"],
+  ["speed_ratio", "joint speed / limit"],
+  ["singular_value", "least singular value"],
+];
+const FAR_APART = 30; // ratio of the runs' maxima above which an error is drawn logarithmically
+
+class Plots {
+  constructor(pane, runs, seek) {
+    Object.assign(this, { pane, runs });
+    this.figure = pane.querySelector("#figure");
+    this.cursor = pane.querySelector("#cursor");
+    const jump = (event) => {
+      const axis = this.figure._fullLayout.xaxis;
+      const at = event.clientX - this.figure.getBoundingClientRect().left - axis._offset;
+      if (at >= -4 && at <= axis._length + 4) seek(axis.p2l(at));
+    };
+    this.figure.addEventListener("pointerdown", jump, true);
+    this.figure.addEventListener("pointermove", (event) => event.buttons & 1 && jump(event), true);
+  }
+
+  // Maxima that lie far apart need a logarithmic axis, or the small ones are a line at zero: its
+  // range in powers of ten, or false.
+  logarithmic(name) {
+    const most = this.runs.map((run) => run.curves[name][1].reduce((a, b) => Math.max(a, b), 0));
+    const [least, greatest] = [Math.min(...most), Math.max(...most)];
+    const apart = name.endsWith("_error") && least > 0 && greatest > FAR_APART * least;
+    return apart && [Math.log10(least) - 1, Math.log10(greatest) + 0.3];
+  }
+
+  draw(main) {
+    const style = getComputedStyle(document.body);
+    const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+    const grid = { gridcolor: colour("line"), linecolor: colour("soft"), zeroline: false, automargin: false };
+    const gap = 0.085;
+    const height = (1 - gap * (PLOTS.length - 1)) / PLOTS.length;
+    const layout = {
+      margin: { l: 52, r: 8, t: 16, b: 34 },
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: { size: 11, color: colour("soft"), family: style.fontFamily },
+      showlegend: false, dragmode: false, hovermode: "x", hoverdistance: 30,
+      xaxis: { ...grid, anchor: `y${PLOTS.length}`, title: { text: "time [s]", standoff: 4 }, fixedrange: true,
+        range: [0, Math.max(...this.runs.map((run) => run.frames.time.at(-1)))] },
+      annotations: [], shapes: [],
+    };
+    const traces = [];
+    PLOTS.forEach(([name, title], row) => {
+      const y = row === 0 ? "y" : `y${row + 1}`;
+      const top = 1 - row * (height + gap);
+      const log = this.logarithmic(name);
+      layout[y.replace("y", "yaxis")] = {
+        ...grid, domain: [top - height, top], nticks: 4, fixedrange: true, tickformat: "~g",
+        ...(log ? { type: "log", range: log, dtick: 1, tickformat: "~r" } : { rangemode: "tozero" }),
+      };
+      layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left",
+        yanchor: "bottom", showarrow: false, font: { size: 11.5, color: colour("ink") } });
+      if (name === "speed_ratio" && this.runs.some((run) => run.curves[name][1].some((v) => v > 0.6)))
+        layout.shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: y, y0: 1, y1: 1,
+          line: { color: colour("soft"), width: 1, dash: "dot" } });
+      this.runs.forEach((run, i) => {
+        const [x, values] = run.curves[name];
+        traces.push({ x, y: values, yaxis: y, type: "scatter", mode: "lines", name: run.label,
+          line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: ["solid", "dash", "dashdot", "dot"][i % 4] },
+          hovertemplate: "%{y:.4~g}<extra></extra>" });
+      });
+    });
+    return Plotly.react(this.figure, traces, layout, { displayModeBar: false, responsive: true })
+      .then(() => this.move(this.time ?? 0));
+  }
+
+  move(t) {
+    this.time = t;
+    const axis = this.figure._fullLayout?.xaxis;
+    if (!axis) return;
+    const { _size: size } = this.figure._fullLayout;
+    this.cursor.style.top = `${size.t}px`;
+    this.cursor.style.bottom = `${size.b}px`;
+    this.cursor.style.transform = `translateX(${axis._offset + axis.l2p(t)}px)`;
+  }
+}

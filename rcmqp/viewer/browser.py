@@ -1,0 +1,130 @@
+"""A browser without a display: the system's Chromium, driven by playwright."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rcmqp.errors import ToolMissing, ViewError
+from rcmqp.run import Run
+from rcmqp.viewer.build import write_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+CHROMIUMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+"""Names that Chromium goes by; the first that is found is taken."""
+
+FLAGS = (
+    "--use-angle=swiftshader",  # draws without a graphics card
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+
+PATIENCE = 120.0
+"""How long a page may take to open, on a slow machine without a graphics card [s]."""
+
+
+def chromium_path() -> str:
+    """Where the system's Chromium is.
+
+    Raises:
+        ToolMissing: it is nowhere on the path, or playwright is not installed.
+    """
+    if importlib.util.find_spec("playwright") is None:
+        raise ToolMissing("playwright", "pip install 'rcmqp[browser]'")
+    for name in CHROMIUMS:
+        if (path := shutil.which(name)) is not None:
+            return path
+    raise ToolMissing(
+        "Chromium",
+        f"apt-get install chromium, or put one of {', '.join(CHROMIUMS)} on the path",
+    )
+
+
+def ffmpeg_path() -> str:
+    """Where ffmpeg is.
+
+    Raises:
+        ToolMissing: it is not on the path.
+    """
+    path = shutil.which("ffmpeg")
+    if path is None:
+        raise ToolMissing("ffmpeg", "apt-get install ffmpeg, or put it on the path")
+    return path
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """A headless Chromium, closed afterwards.
+
+    Raises:
+        ToolMissing: Chromium or playwright is not installed.
+        ViewError: it does not start.
+    """
+    executable = chromium_path()
+    from playwright.sync_api import Error, sync_playwright
+
+    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else list(FLAGS)
+    with sync_playwright() as playwright:
+        try:
+            chromium = playwright.chromium.launch(executable_path=executable, args=flags)
+        except Error as error:
+            raise ViewError(f"{executable} does not start: {error.message}") from error
+        try:
+            yield chromium
+        finally:
+            chromium.close()
+
+
+def open_page(chromium: Browser | BrowserContext, file: Path, pane: str = "") -> Page:
+    """A page out of write_page(), ready to be driven by ``window.rcmqp``.
+
+    Args:
+        chromium: out of browser(), or a context of it.
+        file: of the page.
+        pane: ``scene`` or ``endoscope``, to see only that; all without it.
+
+    Raises:
+        ViewError: the page does not open.
+    """
+    from playwright.sync_api import Error
+
+    opened = chromium.new_page()
+    opened.set_default_timeout(1e3 * PATIENCE)
+    failures: list[str] = []
+    opened.on("pageerror", lambda error: failures.append(str(error)))
+    try:
+        opened.goto(f"{file.resolve().as_uri()}#{pane}")
+        opened.wait_for_selector("html[data-ready]", state="attached")
+    except Error as error:
+        why = "; ".join(failures) or error.message
+        raise ViewError(f"{file} does not open in Chromium: {why}") from error
+    return opened
+
+
+@contextmanager
+def opened(
+    runs: Sequence[Run], size: tuple[int, int], pane: str = "", *, dark: bool = False
+) -> Iterator[Page]:
+    """The page of runs, or one pane of it, in a headless browser's window of a size in pixels.
+
+    Raises:
+        ToolMissing: Chromium or playwright is not installed.
+        ViewError: the runs do not go together, or the page does not open.
+    """
+    chromium_path()
+    with tempfile.TemporaryDirectory() as folder:
+        file = write_page(runs, Path(folder) / "run.html", dark=dark)
+        with browser() as chromium:
+            window = chromium.new_context(viewport={"width": size[0], "height": size[1]})
+            yield open_page(window, file, pane)

@@ -1,0 +1,167 @@
+"""One web page of recorded runs, whole in one file: scene, endoscope, plots, table."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import html
+import importlib.resources
+import importlib.util
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import rcmqp
+from rcmqp.errors import RcmqpError, RunFileError, ViewError
+from rcmqp.insertion import Insertion
+from rcmqp.loading import arm_title
+from rcmqp.run import Run, check_writable
+from rcmqp.viewer.bundle import Bundle, compressed
+from rcmqp.viewer.table import metrics_table, versions_text
+from rcmqp.viewer.timeline import curves, frames
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Okabe and Ito's palette, told apart by the colour-blind too; one a run."""
+
+MAY_DIFFER = ("period", "seed")
+"""Fields of a scenario that may differ between runs of one page."""
+
+SCRIPTS = ("data", "lines", "arm", "scenery", "stage", "plots", "player")
+
+
+def page(runs: Sequence[Run], *, dark: bool = False) -> str:
+    """A web page of runs of one scenario, laid over each other; it needs no other file.
+
+    Args:
+        runs: at least one; arm, trocar, path and all else but period and seed are the same.
+        dark: whether the background is dark at first; there is a button for it.
+
+    Raises:
+        ViewError: no run, runs of several scenarios, or an arm that this machine does not have.
+    """
+    insertion = check_runs(runs)
+    title = f"{runs[0].scenario.name} on {arm_title(runs[0].scenario.arm)}"
+    labels = run_labels(runs)
+    return Template(_asset("page.html")).substitute(
+        title=html.escape(title),
+        subtitle=html.escape(", ".join(dict.fromkeys(run.controller for run in runs))),
+        theme="dark" if dark else "light",
+        style=_asset("page.css"),
+        table=metrics_table(runs, labels, COLOURS),
+        versions=html.escape(versions_text(runs)),
+        version=html.escape(rcmqp.__version__),
+        meshcat=_library("meshcat", "viewer/dist/main.min.js"),
+        plotly=_library("plotly", "package_data/plotly.min.js"),
+        data=_data(runs, labels, insertion),
+        script="\n".join(_asset(f"{name}.js") for name in SCRIPTS),
+    )
+
+
+def write_page(runs: Sequence[Run], path: str | os.PathLike[str], *, dark: bool = False) -> Path:
+    """Write page() to a file, and return its path.
+
+    Raises:
+        ViewError: see page().
+        RunFileError: the file cannot be written.
+    """
+    check_writable(path)
+    text = page(runs, dark=dark)
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RunFileError(Path(path), f"could not be written: {error}") from error
+    return Path(path)
+
+
+def check_runs(runs: Sequence[Run]) -> Insertion:
+    """Check that runs can be laid over each other; the arm with its instrument in the trocar.
+
+    Raises:
+        ViewError: they cannot; the message says which field of the scenario differs.
+    """
+    if not runs:
+        raise ViewError("no run to show; give at least one")
+    first = runs[0].scenario
+    for run in runs[1:]:
+        for field in dataclasses.fields(first):
+            here, there = getattr(first, field.name), getattr(run.scenario, field.name)
+            if field.name not in MAY_DIFFER and here != there:
+                raise ViewError(
+                    f"{run.title} cannot be laid over {runs[0].title}: {field.name} is {there!r} "
+                    f"there and {here!r} here; only {' and '.join(MAY_DIFFER)} may differ. Show "
+                    "runs of other scenarios in pages of their own"
+                )
+    for run in runs:
+        try:
+            insertion = run.insertion()
+        except RcmqpError as error:
+            raise ViewError(
+                f"{run.title} cannot be drawn here, its arm {first.arm!r} is not the one that "
+                f"it was made with, or not on this machine: {error}"
+            ) from error
+    return insertion
+
+
+def run_labels(runs: Sequence[Run]) -> list[str]:
+    """What tells the runs apart: the controller, and where it is the same, what else differs."""
+    labels = []
+    for run in runs:
+        alike = [other for other in runs if other.controller == run.controller]
+        marks = [run.controller]
+        if any(other.period != run.period for other in alike):
+            marks.append(f"T = {1e3 * run.period:g} ms")
+        marks += [
+            f"{name} = {value}"
+            for name, value in run.options.items()
+            if any(other.options.get(name) != value for other in alike)
+        ]
+        labels.append(", ".join(marks))
+    return [
+        f"{label}, run {i + 1}" if labels.count(label) > 1 else label
+        for i, label in enumerate(labels)
+    ]
+
+
+def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> str:
+    import pinocchio as pin
+
+    from rcmqp.viewer.scene import commands, kinematics, surroundings  # meshcat takes long
+
+    bundle = Bundle()
+    flange = insertion.arm.with_effector(pin.SE3.Identity())
+    packed, parts = commands(insertion.arm)
+    scene = surroundings(runs[0], insertion)
+    scene["deepest"] = max(surroundings(run, insertion)["deepest"] for run in runs)
+    header: dict[str, Any] = {
+        "scene": scene,
+        "arm": kinematics(flange, insertion.q_start)
+        | {"commands": [bundle.chunk(command) for command in packed], "parts": parts},
+        "runs": [
+            {
+                "label": label,
+                "colour": COLOURS[i % len(COLOURS)],
+                "frames": {name: bundle.floats(array) for name, array in frames(run).items()},
+                "curves": {
+                    name: [bundle.floats(array) for array in curve]
+                    for name, curve in curves(run).items()
+                },
+            }
+            for i, (run, label) in enumerate(zip(runs, labels, strict=True))
+        ],
+    }
+    return bundle.text(header)
+
+
+@functools.cache
+def _library(package: str, inside: str) -> str:
+    """A script out of an installed package, which is not imported; compressed."""
+    spec = importlib.util.find_spec(package)
+    assert spec is not None
+    assert spec.origin is not None
+    return compressed((Path(spec.origin).parent / inside).read_bytes())
+
+
+def _asset(name: str) -> str:
+    return (importlib.resources.files("rcmqp.viewer") / "assets" / name).read_text("utf-8")

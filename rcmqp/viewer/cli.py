@@ -1,0 +1,126 @@
+"""The command line's view, snapshot and video."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rcmqp import console
+from rcmqp.console import err, out
+from rcmqp.errors import OptionError
+from rcmqp.run import Run
+
+Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
+Dark = Annotated[bool, typer.Option("--dark", help="On a dark background, not a white one.")]
+CameraOption = Annotated[
+    str,
+    typer.Option(help="scene: the arm; endoscope: its own image; page: scene, scope and plots."),
+]
+SizeOption = Annotated[
+    str | None, typer.Option(metavar="WIDTHxHEIGHT", help="In pixels, such as 1280x800.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    for command in (view, snapshot, video):
+        app.command()(command)
+
+
+def view(
+    files: Files,
+    page: Annotated[
+        Path | None, typer.Option("--html", help="File to write; a temporary one without it.")
+    ] = None,
+    dark: Dark = False,
+    show: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
+    ] = True,
+) -> None:
+    """Show runs as a web page: scene, endoscope, plots, table; several are laid over each other.
+
+    For example,
+
+      rcmqp view helix.h5
+
+      rcmqp view paper.h5 qp.h5 --html comparison.html
+
+    The page is one file, works offline, and can be sent to anyone.
+    """
+    import tempfile
+    import webbrowser
+
+    from rcmqp.viewer.build import write_page
+
+    runs = [Run.load(file) for file in files]
+    if page is None:
+        page = Path(tempfile.mkdtemp(prefix="rcmqp-")) / f"{files[0].stem}.html"
+    written = write_page(runs, page, dark=dark)
+    size = written.stat().st_size / 1e6
+    out.print(f"wrote {written} ({size:.1f} MB)", highlight=False, soft_wrap=True)
+    if show and not webbrowser.open(written.resolve().as_uri()):
+        err.print("[yellow]warning:[/] no browser here; open the file in one yourself")
+
+
+def snapshot(
+    files: Files,
+    file: Annotated[Path, typer.Option("--out", "-o", help="PNG file to write.")],
+    time: Annotated[float, typer.Option("--time", "-t", help="On the run's clock, in s.")] = 0.0,
+    camera: CameraOption = "scene",
+    size: SizeOption = None,
+    dark: Dark = False,
+) -> None:
+    """Draw runs at one time into a picture, without a display; needs Chromium and playwright.
+
+    For example,
+
+      rcmqp snapshot helix.h5 --time 5 --out helix.png
+
+      rcmqp snapshot helix.h5 --time 5 --camera endoscope --out inside.png
+    """
+    from rcmqp.viewer import capture
+
+    runs = [Run.load(each) for each in files]
+    written = capture.snapshot(runs, file, time=time, camera=camera, size=_size(size), dark=dark)
+    out.print(f"wrote {written}", highlight=False, soft_wrap=True)
+
+
+def video(
+    files: Files,
+    file: Annotated[Path, typer.Option("--out", "-o", help="MP4 file to write.")],
+    camera: CameraOption = "scene",
+    speed: Annotated[float, typer.Option(help="2 is twice as fast as the run.")] = 1.0,
+    size: SizeOption = None,
+    dark: Dark = False,
+) -> None:
+    """Draw runs into a video, without a display; needs Chromium, playwright and ffmpeg.
+
+    For example,
+
+      rcmqp video helix.h5 --out helix.mp4
+    """
+    from rcmqp.viewer import capture
+
+    runs = [Run.load(each) for each in files]
+    with console.bar(quiet=False) as advance:
+        written = capture.video(
+            runs,
+            file,
+            camera=camera,
+            speed=speed,
+            size=_size(size),
+            dark=dark,
+            progress=lambda done, total: advance(str(file), done, total),
+        )
+    out.print(f"wrote {written}", highlight=False, soft_wrap=True)
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+        raise OptionError(f"--size {text}: write WIDTHxHEIGHT in pixels, such as 1280x800")
+    return int(width), int(height)

@@ -1,0 +1,174 @@
+"""Shapes of an arm's links, from its URDF, as Meshcat takes them."""
+
+from __future__ import annotations
+
+import base64
+import mimetypes
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rcmqp.arm import Arm
+from rcmqp.dualquaternion import Array
+from rcmqp.viewer.meshcat_ import geometry as g
+
+GREY = (0.78, 0.79, 0.81)
+CHAIN_RADIUS = 0.035
+"""Of the cylinders that stand for links without shapes [m]."""
+
+_Z_FROM_Y = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)
+"""Turns what three.js draws along y, cylinders and capsules, along z."""
+
+_BLANK = (
+    "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAQAAAC1HAwCAAAAC0lEQVR42mP8/x8A"
+    "AwMCAO+ip1sAAAAASUVORK5CYII="
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One shape, fixed to a link.
+
+    Attributes:
+        joint: index in the arm's model of the joint that moves it; 0 for the base.
+        placement: (4, 4) in that joint's frame, scaled.
+        data: Meshcat's object, lowered.
+        colour: (3,) red, green, blue from 0 to 1; None where a mesh has colours of its own.
+    """
+
+    joint: int
+    placement: Array
+    data: dict[str, Any]
+    colour: tuple[float, float, float] | None
+
+
+def arm_parts(arm: Arm) -> list[Part]:
+    """The arm's shapes: its URDF's, or, without any that can be read, cylinders joint to joint.
+
+    What the URDF mounts beyond the flange, such as a gripper, is left out: there the instrument
+    is mounted.
+    """
+    return _urdf_parts(arm) or _chain_parts(arm)
+
+
+def _urdf_parts(arm: Arm) -> list[Part]:
+    if arm.urdf is None:
+        return []
+    full = pin.buildModelFromUrdf(str(arm.urdf))
+    try:
+        shapes = pin.buildGeomFromUrdf(
+            full,
+            str(arm.urdf),
+            pin.GeometryType.VISUAL,
+            package_dirs=[str(folder) for folder in arm.urdf.resolve().parents],
+        )
+    except (ValueError, RuntimeError):  # a mesh is missing, or of a kind that is not read
+        return []
+    parts = []
+    for shape in shapes.geometryObjects:
+        body = full.frames[shape.parentFrame]
+        if _beyond(full, shape.parentFrame, arm.flange):
+            continue
+        frame = arm.model.frames[arm.model.getFrameId(body.name, pin.FrameType.BODY)]
+        placement = frame.placement * body.placement.actInv(shape.placement)
+        data, fix = _lower(shape)
+        if data is not None:
+            colour = tuple(map(float, shape.meshColor[:3])) if _painted(shape) else None
+            parts.append(
+                Part(frame.parentJoint, placement.homogeneous @ fix, data, colour)  # type: ignore[arg-type]
+            )
+    return parts
+
+
+def _beyond(full: pin.Model, frame: int, flange: str) -> bool:
+    """Whether a frame of the model hangs on the flange, and is not the flange itself."""
+    while frame > 0:
+        frame = full.frames[frame].parentFrame
+        if full.frames[frame].name == flange and full.frames[frame].type == pin.FrameType.BODY:
+            return True
+    return False
+
+
+def _painted(shape: Any) -> bool:
+    """Whether the URDF gives the colour, not the mesh."""
+    return bool(shape.overrideMaterial) or not shape.meshPath.lower().endswith(".dae")
+
+
+def _lower(shape: Any) -> tuple[dict[str, Any] | None, Array]:
+    """Meshcat's object of a shape, and what to multiply its placement with."""
+    geometry = shape.geometry
+    if isinstance(geometry, coal.Cylinder):
+        return _mesh(g.Cylinder(2.0 * geometry.halfLength, geometry.radius)), _Z_FROM_Y
+    if isinstance(geometry, coal.Sphere):
+        return _mesh(g.Sphere(geometry.radius)), np.eye(4)
+    if isinstance(geometry, coal.Box):
+        return _mesh(g.Box((2.0 * geometry.halfSide).tolist())), np.eye(4)
+    if not isinstance(geometry, coal.BVHModelBase):
+        return None, np.eye(4)
+    path = Path(shape.meshPath)
+    scale = np.diag([*shape.meshScale, 1.0])
+    if path.suffix.lower() == ".dae":
+        return _collada(path), scale
+    if path.suffix.lower() == ".stl" and not path.read_bytes()[:6].lower().startswith(b"solid "):
+        return _mesh(g.StlMeshGeometry.from_file(path)), scale
+    triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
+    faces = np.array([[triangle[0], triangle[1], triangle[2]] for triangle in triangles])
+    return _mesh(g.TriangularMeshGeometry(geometry.vertices(), faces)), np.eye(4)
+
+
+def _mesh(geometry: Any) -> dict[str, Any]:
+    mesh = g.Mesh(geometry, g.MeshLambertMaterial())
+    geometry.uuid, mesh.material.uuid, mesh.uuid = "geometry", "material", "mesh"  # not by chance
+    lowered: dict[str, Any] = mesh.lower()
+    return lowered
+
+
+def _collada(path: Path) -> dict[str, Any]:
+    """A Collada file with the pictures that it names, which the page must not look for."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    names = re.findall(r"<init_from>\s*([^<]+?)\s*</init_from>", text)
+    mesh = _mesh(g.Sphere(1.0))  # for its frame; the file brings geometry and material
+    mesh["geometries"], mesh["materials"] = [], []
+    mesh["object"] |= {
+        "type": "_meshfile_object",
+        "format": "dae",
+        "data": text,
+        "resources": {name: _picture(path.parent / name) for name in names},
+    }
+    return mesh
+
+
+def _picture(path: Path) -> str:
+    if not path.is_file():
+        return _BLANK
+    kind = mimetypes.guess_type(path.name)[0] or "image/png"
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def _chain_parts(arm: Arm) -> list[Part]:
+    """Cylinders from joint to joint and balls on the joints, for an arm without shapes."""
+    parts = []
+    placements = [*arm.model.jointPlacements[1:]]
+    for i, placement in enumerate(placements):
+        parts.append(Part(i + 1, np.eye(4), _mesh(g.Sphere(1.25 * CHAIN_RADIUS)), GREY))
+        parts.extend(_rod(i, placement.translation))
+    return parts
+
+
+def _rod(joint: int, end: Sequence[float] | Array) -> list[Part]:
+    """A cylinder from a joint's origin to ``end`` (3,) in its frame; none where that is near."""
+    end = np.asarray(end, dtype=float)
+    length = float(np.linalg.norm(end))
+    if length < CHAIN_RADIUS:
+        return []
+    placement = np.eye(4)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length)
+    placement[:3, :3], placement[:3, 3] = turn.toRotationMatrix(), end / 2.0
+    rod = _mesh(g.Cylinder(length, CHAIN_RADIUS))
+    return [Part(joint, placement @ _Z_FROM_Y, rod, GREY)]

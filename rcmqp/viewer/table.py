@@ -1,0 +1,54 @@
+"""The metrics table and the versions on a page, as HTML."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Sequence
+
+from rcmqp.metrics import Metrics, compute_metrics
+from rcmqp.run import Run
+
+ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
+    ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.4f}"),
+    ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.4f}"),
+    ("RCM error, rms [mm]", lambda m: f"{m.rcm_rms_mm:.5f}"),
+    ("RCM error, max [mm]", lambda m: f"{m.rcm_max_mm:.5f}"),
+    ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
+    ("depth of the tip [mm]", lambda m: f"{m.depth_min_mm:.1f} to {m.depth_max_mm:.1f}"),
+    ("joint speed over its limit, max", lambda m: f"{m.speed_ratio_max:.3f}"),
+    ("joint acceleration over its limit, max", lambda m: f"{m.acceleration_ratio_max:.3g}"),
+    ("margin to joint limits, least [rad]", lambda m: f"{m.limit_margin_min_rad:.3f}"),
+    ("singular value, least", lambda m: f"{m.singular_value_min:.4f}"),
+    ("tip speed asked for, rms [mm/s]", lambda m: f"{m.tip_speed_rms_mm_s:.1f}"),
+    ("controller step, median [\u00b5s]", lambda m: f"{m.solve_time_median_us:.0f}"),
+)
+
+
+def metrics_table(runs: Sequence[Run], labels: Sequence[str], colours: Sequence[str]) -> str:
+    """Metrics down, runs across."""
+    found = [compute_metrics(run) for run in runs]
+    heads = "".join(
+        f'<th><i style="background:{colours[i % len(colours)]}"></i>{html.escape(label)}</th>'
+        for i, label in enumerate(labels)
+    )
+    lines = [
+        f"<tr><td>{html.escape(name)}</td>"
+        + "".join(f"<td>{html.escape(text(metrics))}</td>" for metrics in found)
+        + "</tr>"
+        for name, text in ROWS
+    ]
+    return (
+        f"<table><thead><tr><th></th>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+    )
+
+
+def versions_text(runs: Sequence[Run]) -> str:
+    """What the runs were made with, and how long they are."""
+    versions = {f"{name} {version}" for run in runs for name, version in run.versions.items()}
+    periods = sorted({run.period for run in runs})
+    times = ", ".join(f"{1e3 * period:g} ms" for period in periods)
+    scenario = runs[0].scenario
+    return (
+        f"{scenario.duration:g} s, sampled every {times}; seed {scenario.seed}; "
+        f"{', '.join(sorted(versions))}"
+    )

@@ -1,0 +1,222 @@
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers import assert_allclose
+
+from rcmqp import Run, arm_names, load_arm, load_scenario, make_controller, simulate
+from rcmqp.cli import main
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError, ToolMissing, UnknownName, ViewError
+from rcmqp.insertion import rcm_error
+from rcmqp.scene import Sphere
+from rcmqp.viewer import browser, capture, page
+from rcmqp.viewer.build import run_labels
+from rcmqp.viewer.shapes import arm_parts
+from rcmqp.viewer.timeline import BINS, envelope, frames, slip
+
+
+def helix(
+    duration: float = 0.4, period: float = 0.004, arm: str = "lwa3", **options: float
+) -> Run:
+    scenario = load_scenario("conical_helix", arm, duration=duration, period=period)
+    controller = make_controller("dual_quaternion", scenario.insertion(), period, **options)
+    return simulate(scenario, controller)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return helix()
+
+
+def test_a_peak_of_one_sample_stays_in_the_curve() -> None:
+    time: Array = np.arange(60_001) / 1e3
+    values = np.sin(time)
+    for k in (12_345, 59_999):
+        values[k] = 9.0
+    values[40_000] = -9.0
+    kept_time, kept = envelope(time, values)
+    assert kept.size <= 2 * BINS + 2
+    assert set(time[[0, 12_345, 40_000, 59_999, 60_000]]) <= set(kept_time)
+    assert_allclose(kept, values[np.searchsorted(time, kept_time)])
+
+
+def test_frames_are_recorded_instants_sixty_a_second_or_more(run: Run) -> None:
+    found = frames(run)
+    steps = np.diff(found["time"])
+    assert steps.max() <= 1.0 / 60.0
+    assert steps.max() > 0.5 / 60.0
+    rows = np.searchsorted(run.time, found["time"])
+    assert rows[-1] == run.time.size - 1
+    for name in ("tip", "pivot", "depth"):
+        assert np.array_equal(found[name], getattr(run, name)[rows])
+
+
+def test_angles_of_continuous_joints_do_not_jump() -> None:
+    run = helix(arm="kinova")
+    turning = dataclasses.replace(
+        run, angles=np.mod(run.angles + np.linspace(0.0, 9.0, run.time.size)[:, None], 2 * np.pi)
+    )
+    continuous = ~np.isfinite(run.upper)
+    assert continuous.sum() == 3
+    assert np.abs(np.diff(frames(turning)["angles"][:, continuous], axis=0)).max() < 1.0
+
+
+def test_slip_is_the_rcm_error_across_the_shaft(run: Run) -> None:
+    off = dataclasses.replace(run, pivot=run.pivot + np.array([0.003, -0.002, 0.001]))
+    found = slip(off)
+    assert_allclose(np.linalg.norm(found, axis=1), rcm_error(off.x, off.pivot), atol=1e-12)
+    nearest = off.pivot + found
+    assert_allclose(rcm_error(off.x, nearest), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_every_arm_has_shapes_on_every_moving_link(name: str) -> None:
+    arm = load_arm(name)
+    parts = arm_parts(arm)
+    assert {part.joint for part in parts} >= set(range(arm.nv))  # the last may be a bare flange
+    for part in parts:
+        R = part.placement[:3, :3]
+        assert_allclose(R.T @ R, np.linalg.norm(R[:, 0]) ** 2 * np.eye(3), atol=1e-9)
+
+
+def test_a_gripper_makes_way_for_the_instrument() -> None:
+    arm = load_arm("panda")
+    on_last = [part for part in arm_parts(arm) if part.joint == arm.nv]
+    assert len(on_last) == 1  # link 7; hand and fingers are left out
+
+
+def test_an_arm_without_shapes_is_drawn_as_rods(tmp_path: Path) -> None:
+    file = tmp_path / "bare.urdf"
+    lwa3 = load_arm("lwa3").urdf
+    assert lwa3 is not None
+    text = lwa3.read_text()
+    head, *links = text.split("<visual>")
+    file.write_text(head + "".join(link.split("</visual>", 1)[1] for link in links))
+    arm = load_arm(file, "flange", home=load_arm("lwa3").home)
+    parts = arm_parts(arm)
+    ends = [
+        pin.SE3(arm.model.jointPlacements[i + 1]).translation
+        for i in range(arm.nv)
+        if np.linalg.norm(arm.model.jointPlacements[i + 1].translation) > 0.1
+    ]
+    assert len(parts) == arm.nv + len(ends)
+
+
+def test_runs_are_told_apart_by_what_differs(run: Run) -> None:
+    other = helix(gain=30.0)
+    assert run_labels([run]) == ["dual_quaternion"]
+    assert run_labels([run, other])[1] == "dual_quaternion, gain = 30.0"
+    assert run_labels([run, helix(period=0.008)])[1] == "dual_quaternion, T = 8 ms"
+    assert len(set(run_labels([run, run, run]))) == 3
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("duration", 0.8), ("obstacles", (Sphere((0.5, 0.0, 0.0), 0.01),)), ("name", "other")],
+)
+def test_a_run_of_another_scenario_is_refused_by_field(
+    run: Run, field: str, value: object
+) -> None:
+    scenario = dataclasses.replace(run.scenario, **{field: value})  # type: ignore[arg-type]
+    with pytest.raises(ViewError, match=rf"{field} is .* there and .* pages of their own"):
+        page([run, dataclasses.replace(run, scenario=scenario)])
+
+
+def test_no_run_is_refused() -> None:
+    with pytest.raises(ViewError, match="at least one"):
+        page([])
+
+
+def test_an_arm_that_is_not_here_is_named(run: Run) -> None:
+    for arm, why in (("/nowhere/arm.urdf", "no such file"), ("lwa9", "did you mean lwa3")):
+        scenario = dataclasses.replace(run.scenario, arm=arm)
+        with pytest.raises(ViewError, match=rf"'{arm}' is not the one .*{why}"):
+            page([dataclasses.replace(run, scenario=scenario)])
+    with pytest.raises(ViewError, match="has changed since the run was made"):
+        page([dataclasses.replace(run, urdf_sha256="0")])
+
+
+def test_a_damaged_file_ends_the_command_with_its_name(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "run.h5"
+    run.save(file)
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    file.write_bytes(data)
+    with pytest.raises(SystemExit, match="1"):
+        main(["view", str(file), "--html", str(tmp_path / "run.html"), "--no-open"])
+    said = capsys.readouterr().err
+    assert str(file) in said
+    assert "damaged" in said
+    assert not (tmp_path / "run.html").exists()
+
+
+def test_view_writes_the_page_and_opens_it(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[str] = []
+
+    def show(url: str) -> bool:
+        seen.append(url)
+        return True
+
+    monkeypatch.setattr("webbrowser.open", show)
+    run.save(tmp_path / "run.h5")
+    with pytest.raises(SystemExit, match="0"):
+        main(["view", str(tmp_path / "run.h5"), "--html", str(tmp_path / "run.html")])
+    assert seen == [(tmp_path / "run.html").as_uri()]
+    assert "MB" in capsys.readouterr().out
+    text = (tmp_path / "run.html").read_text()
+    assert "conical_helix on Schunk LWA3" in text
+    assert "http" not in text.split("<script", 1)[0]  # nothing is fetched from anywhere
+
+
+def test_a_page_is_the_same_text_twice(run: Run) -> None:
+    assert page([run]) == page([run])
+
+
+def test_missing_tools_are_found_at_once_with_what_to_install(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("built a page before it looked for the tools")
+
+    monkeypatch.setattr(browser, "write_page", never)
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name: None if name == "ffmpeg" else which(name))
+    with pytest.raises(ToolMissing, match=r"ffmpeg .*apt-get install ffmpeg"):
+        capture.video([run], tmp_path / "x.mp4")
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(ToolMissing, match=r"Chromium .*apt-get install chromium"):
+        capture.snapshot([run], tmp_path / "x.png")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ToolMissing, match=r"playwright .*pip install 'rcmqp\[browser\]'"):
+        capture.snapshot([run], tmp_path / "x.png")
+
+
+def test_wrong_pictures_are_refused_before_the_browser_starts(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(capture, "opened", None)
+    png = tmp_path / "x.png"
+    with pytest.raises(UnknownName, match="camera 'scope'"):
+        capture.snapshot([run], png, camera="scope")
+    with pytest.raises(OptionError, match=r"ends in \.png"):
+        capture.snapshot([run], tmp_path / "x.jpg")
+    with pytest.raises(OptionError, match=r"from 0 to 0\.4 s"):
+        capture.snapshot([run], png, time=9.0)
+    for size in ((10, 480), (480, 10), (9000, 640), (640, 9000)):
+        with pytest.raises(OptionError, match="64 to 7680"):
+            capture.snapshot([run], png, size=size)
+    with pytest.raises(OptionError, match="even"):
+        capture.video([run], tmp_path / "x.mp4", size=(641, 480))
+    with pytest.raises(OptionError, match="speed"):
+        capture.video([run], tmp_path / "x.mp4", speed=0.0)

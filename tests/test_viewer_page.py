@@ -1,0 +1,262 @@
+"""The page in a real Chromium: it fails, it does not skip, where there is none."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import io
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.image
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers import assert_allclose
+
+from rcmqp import Run, Scenario, make_controller, simulate
+from rcmqp import dualquaternion as dq
+from rcmqp.dualquaternion import Array
+from rcmqp.paths import ViewMoves
+from rcmqp.scene import Sphere
+from rcmqp.viewer.browser import browser, open_page
+from rcmqp.viewer.build import COLOURS, write_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+VIEW = (0.13, 0.06, 0.0, 0.05)
+CONTROLLERS = ("dual_quaternion", "hierarchical_qp")
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    """Two controllers go to one view, past an obstacle."""
+    path = ViewMoves(views=(VIEW,), move=1.5, dwell=0.3)
+    scenario = Scenario.on_shaft("view", "lwa3", path, period=0.008)
+    beside = scenario.insertion().from_start((0.05, 0.0, 0.05))
+    obstacle = Sphere(tuple(np.add(scenario.trocar.pivot, beside)), 0.01)
+    scenario = dataclasses.replace(scenario, obstacles=(obstacle,))
+    return [
+        simulate(scenario, make_controller(name, scenario.insertion(), scenario.period))
+        for name in CONTROLLERS
+    ]
+
+
+class Opened:
+    """A page, and what it said and asked for since it was opened."""
+
+    def __init__(self, page: Page, requests: list[str], said: list[str]) -> None:
+        self.page, self.requests, self.said = page, requests, said
+
+    def js(self, expression: str, argument: Any = None) -> Any:
+        return self.page.evaluate(expression, argument)
+
+    def picture(self, before: str = "0", which: str = "scene") -> Array:
+        """Pixels (height, width, 3) of a canvas, 0 to 255, after a piece of JavaScript."""
+        data = self.js(f"{before}, rcmqp.picture('{which}')").partition(",")[2]
+        image = matplotlib.image.imread(io.BytesIO(base64.b64decode(data)))
+        return np.asarray(255.0 * image[..., :3])
+
+    def seek(self, t: float) -> None:
+        self.js("t => rcmqp.seek(t)", t)
+
+
+@pytest.fixture(scope="module")
+def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    file = write_page(runs, tmp_path_factory.mktemp("page") / "runs.html")
+    requests: list[str] = []
+    said: list[str] = []
+
+    def listen(page: Page) -> None:
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: said.append(f"error: {error}"))
+
+    with browser() as chromium:
+        context = chromium.new_context(viewport={"width": 800, "height": 520}, offline=True)
+        context.on("page", listen)
+        yield Opened(open_page(context, file), requests, said)
+
+
+@pytest.fixture
+def shown(opened: Opened) -> Opened:
+    """The page as it opens: at the start, paused."""
+    opened.js("rcmqp.pause(), rcmqp.choose({main: 0, ghosts: false, limits: false, speed: 1})")
+    opened.seek(0.0)
+    return opened
+
+
+def test_the_page_opens_offline_without_errors_or_requests(opened: Opened) -> None:
+    assert len(opened.requests) == 1
+    assert opened.requests[0].startswith("file:")
+    assert [line for line in opened.said if line.startswith(("error", "warning"))] == []
+
+
+def test_the_scene_shows_arm_trocar_wall_trails_and_obstacles(shown: Opened) -> None:
+    whole = shown.picture("rcmqp.seek(1.8)")
+    for name in ("arm", "trocar", "wall", "trails", "wished", "obstacles"):
+        without = shown.picture(f"rcmqp.show('{name}', false)")
+        shown.js("name => rcmqp.show(name, true)", name)
+        changed = np.abs(whole - without).max(axis=-1) > 12.0
+        assert changed.sum() > (5000 if name == "arm" else 40), name
+
+
+def test_the_trail_has_its_runs_colour(shown: Opened) -> None:
+    rgb = [int(COLOURS[0][i : i + 2], 16) for i in (1, 3, 5)]
+
+    def count(t: float) -> int:
+        image = shown.picture(f"rcmqp.seek({t})")
+        return int((np.abs(image - rgb).max(axis=-1) < 12.0).sum())
+
+    assert count(0.0) == 0  # the tip has not drawn anything yet
+    assert count(1.8) > 10
+
+
+def test_play_advances_the_time_and_pause_holds_it(shown: Opened) -> None:
+    shown.page.keyboard.press("Space")
+    shown.page.wait_for_function("rcmqp.time > 0.2")
+    shown.page.keyboard.press("Space")
+    held = shown.js("rcmqp.time")
+    shown.page.wait_for_timeout(100)
+    assert shown.js("rcmqp.time") == held
+    shown.page.locator("#play").click()
+    shown.page.wait_for_function("held => rcmqp.time > held", arg=held)
+
+
+def test_playing_ends_at_the_end_and_starts_again(shown: Opened, runs: list[Run]) -> None:
+    shown.seek(runs[0].time[-1] - 0.01)
+    shown.js("rcmqp.play()")
+    shown.page.wait_for_function("!rcmqp.playing")
+    assert shown.js("rcmqp.time") == pytest.approx(runs[0].time[-1])
+    shown.js("rcmqp.play()")
+    assert shown.js("rcmqp.time") < 0.5
+
+
+def test_keys_step_and_change_the_speed(shown: Opened) -> None:
+    for key, time in (("ArrowRight", 0.05), ("Shift+ArrowRight", 1.05), ("ArrowLeft", 1.0)):
+        shown.page.keyboard.press(key)
+        assert shown.js("rcmqp.time") == pytest.approx(time)
+    for key, speed in (("+", 2), ("+", 4), ("-", 2), ("-", 1), ("-", 0.5)):
+        shown.page.keyboard.press(key)
+        assert shown.js("rcmqp.speed") == speed
+    shown.page.keyboard.press("Home")
+    assert shown.js("rcmqp.time") == 0.0
+
+
+def test_scrubbing_moves_every_link_to_its_recorded_pose(shown: Opened, runs: list[Run]) -> None:
+    arm = runs[0].insertion().arm
+    data = arm.model.createData()
+    for k in (0, 31, 120, runs[0].time.size - 1):
+        shown.page.locator("#time").fill(str(runs[0].time[k]))
+        assert shown.js("rcmqp.time") == pytest.approx(runs[0].time[k])
+        for i, run in enumerate(runs):
+            pin.forwardKinematics(arm.model, data, run.q[k])
+            for j, joint in enumerate(run.joints):
+                found = shown.js("([run, link]) => rcmqp.pose(run, link)", [i, joint])
+                expected = data.oMi[j + 1].homogeneous
+                assert_allclose(np.reshape(found, (4, 4)).T, expected, rtol=0, atol=1e-4)
+            camera = np.reshape(shown.js("run => rcmqp.pose(run, 'camera')", i), (4, 4)).T
+            assert_allclose(camera[:3, 3], run.tip[k], rtol=0, atol=1e-4)
+            z = dq.rotate(dq.P(run.x[k]), [0.0, 0.0, 1.0])
+            assert_allclose(-camera[:3, 2], z, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("k", [0, 80])
+def test_the_endoscope_sees_the_target_where_it_projects_to(
+    shown: Opened, runs: list[Run], k: int
+) -> None:
+    run = runs[0]
+    image = shown.picture(
+        f"rcmqp.show('wished', false), rcmqp.seek({run.time[k]})", which="endoscope"
+    )
+    shown.js("rcmqp.show('wished', true)")
+    size = image.shape[0]
+    assert image.shape[1] == size
+    red, green, blue = np.moveaxis(image, -1, 0)
+    rows, columns = np.nonzero((green > 0.8 * red) & (blue < 0.7 * green) & (green > 60.0))
+    assert rows.size > 50
+
+    insertion = run.insertion()
+    alpha, beta, _, t_z = VIEW  # the tip of the view that is asked for, by plain rotations
+    R_start = dq.to_se3(insertion.x_rcm).rotation
+    turn = pin.utils.rotate("y", alpha) @ pin.utils.rotate("x", beta)
+    deep = np.array([0.0, 0.0, insertion.tip_depth + t_z])
+    target = np.array(run.scenario.trocar.pivot) + R_start @ turn @ deep
+    seen = dq.to_se3(run.x[k]).rotation.T @ (target - run.tip[k])
+    focal = size / 2 / math.tan(run.scenario.instrument.camera.field_of_view / 2)
+    expected = size / 2 + focal * seen[:2] / seen[2]
+    assert_allclose([columns.mean() + 0.5, rows.mean() + 0.5], expected, rtol=0, atol=1.0)
+
+
+def test_clicking_a_plot_jumps_in_time(shown: Opened, runs: list[Run]) -> None:
+    for subplot, share in (("xy", 0.75), ("xy4", 0.25)):
+        box = shown.page.locator(f"rect.nsewdrag[data-subplot='{subplot}']").bounding_box()
+        assert box is not None
+        shown.page.mouse.click(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
+        expected = share * runs[0].time[-1]
+        assert shown.js("rcmqp.time") == pytest.approx(expected, abs=2e-2)
+        cursor = shown.page.locator("#cursor").bounding_box()
+        assert cursor is not None
+        assert cursor["x"] == pytest.approx(box["x"] + share * box["width"], abs=2.0)
+
+
+def test_the_slip_is_drawn_as_many_times_as_asked(shown: Opened, runs: list[Run]) -> None:
+    k = int(np.argmax(runs[0].rcm_error))
+    shown.seek(runs[0].time[k])
+    text = shown.page.locator("#slip").inner_text()
+    assert f"{1e6 * runs[0].rcm_error[k]:.2f}" in text
+    for factor in (10, 1000):
+        shown.page.locator("#magnify").select_option(str(factor))
+        assert f"\u00d7{factor}" in shown.page.locator("#slip").inner_text()
+
+
+def test_limits_and_ghosts_are_there_on_request(shown: Opened) -> None:
+    plain = shown.picture("rcmqp.seek(1.0)")
+    for key in ("l", "g"):
+        shown.page.keyboard.press(key)
+        assert (np.abs(shown.picture() - plain).max(axis=-1) > 3.0).sum() > 500
+        shown.page.keyboard.press(key)
+    assert np.array_equal(shown.picture(), plain)
+
+
+def test_legend_and_table_name_every_run(shown: Opened) -> None:
+    rows = shown.page.locator("#legend tbody tr")
+    assert rows.count() == len(CONTROLLERS)
+    heads = shown.page.locator("footer th").all_inner_texts()
+    assert [head.strip() for head in heads[1:]] == list(CONTROLLERS)
+    for i, name in enumerate(CONTROLLERS):
+        assert name in rows.nth(i).inner_text()
+    rows.nth(1).click()
+    assert "main" in (rows.nth(1).get_attribute("class") or "")
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+def test_nothing_overlaps(shown: Opened, size: tuple[int, int]) -> None:
+    before = shown.page.viewport_size
+    assert before is not None
+    shown.page.set_viewport_size({"width": size[0], "height": size[1]})
+    try:
+        shown.page.wait_for_function("innerWidth === document.documentElement.clientWidth")
+        boxes = {
+            name: shown.page.locator(name).bounding_box()
+            for name in ("header", "#scene", "#scope", "#legend", "#plots", "nav", "footer")
+        }
+        wide = shown.js("document.documentElement.scrollWidth")
+    finally:
+        shown.page.set_viewport_size(before)
+    assert wide <= size[0]
+    found = [(name, box) for name, box in boxes.items() if box is not None]
+    assert len(found) == len(boxes)
+    for i, (name, a) in enumerate(found):
+        assert a["x"] >= 0.0
+        assert a["x"] + a["width"] <= size[0]
+        for other, b in found[i + 1 :]:
+            apart = (
+                a["x"] + a["width"] <= b["x"] + 0.5
+                or b["x"] + b["width"] <= a["x"] + 0.5
+                or a["y"] + a["height"] <= b["y"] + 0.5
+                or b["y"] + b["height"] <= a["y"] + 0.5
+            )
+            assert apart, (name, other)
