@@ -1,0 +1,43 @@
+"""The benchmark, cut short: that it runs and measures what it says, not how fast anything is."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
+CASES = ("dual_quaternion", "RCM > tip > posture", "pose > posture")
+
+
+def test_a_short_benchmark_follows_the_circle_and_names_a_peer_that_cannot_be_had(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "file").touch()
+    options = ["--cycles", "60", "--block", "30", "--cases", "dual_quaternion$|> posture$"]
+    nowhere = ["--peers", "mink", "--envs", str(tmp_path / "file")]
+    done = subprocess.run(
+        [sys.executable, RUN, *options, *nowhere, "--save", tmp_path / "found.json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "found.json").read_text())["results"]
+    ours = {result["case"]: result for result in found if result["package"] == "rcmqp"}
+    assert sorted(ours) == sorted(CASES)
+    for result in ours.values():
+        assert result["failure"] == ""
+        assert len(result["blocks_us"]) == 2
+        assert result["cycles"] == 60
+        most = 4e-3 if result["case"] == "dual_quaternion" else 2e-4  # the law lags
+        assert result["tip_rms_mm"] < most  # standing still would be 5.5e-3
+        assert result["rcm_max_mm"] < 1e-4
+        assert result["versions"]["rcmqp"]
+    (mink,) = (result for result in found if result["package"] == "mink")
+    assert "not installed" in mink["failure"]
+    rows = [line for line in done.stdout.splitlines() if line.startswith("| ")]
+    for case in CASES:
+        assert any(f"| rcmqp | {case} |" in row for row in rows)
+    assert any("| mink |" in row and "not installed" in row for row in rows)
