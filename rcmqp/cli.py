@@ -1,4 +1,4 @@
-"""The command line: rcmqp run, show, arms, scenarios, controllers, reproduce."""
+"""The command line: rcmqp run, show, compare, and so on; view and its kin are the viewer's."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from rcmqp.console import err, out
 from rcmqp.controllers import CONTROLLERS, controller_options, make_controller
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.loading import arm_names, load_arm
+from rcmqp.metrics import compute_metrics
 from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario, scenario_module, scenario_names
 from rcmqp.simulate import simulate
+from rcmqp.viewer.cli import register
 
 app = typer.Typer(
     name="rcmqp",
@@ -265,19 +267,60 @@ def reproduce(
     """Run the paper's experiment A on both arms: runs, figures, table beside the paper's.
 
     The tool tip of a Schunk LWA3 and of a Meka A2 draws a conical helix under the paper's
-    controller, at T = 8 ms, which the paper's Table I implies, and at 1 ms.
+    controller, at T = 8 ms, which the paper's Table I implies, and at 1 ms; and, to end with,
+    under hierarchical_qp at 1 ms.
     """
     from rcmqp.reproduce import reproduce_a
 
     with console.bar(quiet=as_json) as advance:
         found = reproduce_a(folder, duration=duration, progress=advance)
     if as_json:
-        pairs = zip(found.runs, found.metrics, strict=True)
-        console.print_json([console.run_json(result, metrics) for result, metrics in pairs])
+        runs = [*found.runs, *found.rivals]
+        console.print_json([console.run_json(each, compute_metrics(each)) for each in runs])
         return
-    out.print(found.table, markup=False, highlight=False, soft_wrap=True)
+    for table in (found.table, found.versus):
+        out.print(table, markup=False, highlight=False, soft_wrap=True)
     for path in found.files:
         out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+@app.command()
+def loopback(
+    minutes: Annotated[float, typer.Option("--minutes", "-m", help="How long.")] = 0.2,
+    arm: Annotated[str, typer.Option("--arm", "-a", help="Name (see rcmqp arms).")] = "panda",
+    controller: Annotated[
+        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+    ] = "dual_quaternion",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="An option of the controller."),
+    ] = None,
+    busy: Annotated[bool, typer.Option("--busy", help="Keep one core busy meanwhile.")] = False,
+    priority: Annotated[
+        bool, typer.Option("--priority", help="Ask for real-time priority (SCHED_FIFO).")
+    ] = False,
+) -> None:
+    """Control a simulated arm in another process in real time, at 1 kHz, over UDP.
+
+    For example,
+
+      rcmqp loopback --minutes 10 --busy --priority
+
+    Prints what the loop and the arm counted: deadlines missed, delays, and where every command
+    went. Ends with exit code 1 where the loop stopped before its time.
+    """
+    from rcmqp.loopback import run_loopback
+
+    options = _options(controller, settings or [])
+    report = run_loopback(
+        60.0 * minutes, arm=arm, controller=controller, busy=busy, priority=priority, **options
+    )
+    out.print(report.as_markdown(), markup=False, highlight=False, soft_wrap=True)
+    if report.loop.stop.fault:
+        raise typer.Exit(1)
+
+
+register(app)
 
 
 def _options(controller: str, settings: Sequence[str]) -> dict[str, Any]:

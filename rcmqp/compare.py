@@ -67,6 +67,7 @@ class Row:
     speed_ratio_max: float = np.nan
     acceleration_ratio_max: float = np.nan
     limit_margin_min_rad: float = np.nan
+    obstacle_distance_min_mm: float = np.nan
     saturated_share: float = np.nan
     singular_value_min: float = np.nan
     safe_stops: float = np.nan

@@ -16,17 +16,19 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress, TimeRemainingColumn
 from rich.table import Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
-from rcmqp.metrics import Metrics, compute_metrics
+from rcmqp.metrics import Metrics, compute_metrics, obstacle_distance
 from rcmqp.run import Run
 
 WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
 RCM_WARNING_MM = 1.0
 """RCM error above which a run is remarked on: the customary engineering target."""
+
+OBSTACLE_WARNING_MM = 0.01
+"""How far inside an obstacle is remarked on: above what a step's curvature takes."""
 
 out = Console(width=WIDTH)
 err = Console(stderr=True)
@@ -42,6 +44,8 @@ _ERRORS = (
 @contextmanager
 def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """A progress bar on stderr: call what it gives with a title, cycles done, and in all."""
+    from rich.progress import Progress, TimeRemainingColumn  # only here, and slow to import
+
     columns = [*Progress.get_default_columns()[:-1], TimeRemainingColumn()]
     hidden = quiet or not err.is_terminal
     with Progress(*columns, console=err, transient=True, disable=hidden) as progress:
@@ -96,6 +100,11 @@ def warnings(run: Run) -> list[str]:
     ratio = np.abs(run.v) / run.velocity_limit
     outside = np.maximum(run.lower - run.angles, run.angles - run.upper)
     found = []
+    for reason, cycles in run.stops.items():
+        found.append(
+            f"the controller stopped safely in {len(cycles)} of {len(run.time)} cycles, first at "
+            f"{run.time[cycles[0]]:.3f} s: {reason}"
+        )
     if ratio.max() > 1.0:
         found.append(f"{_joint(run, ratio)} was asked for {ratio.max():.3g} times its speed limit")
     if outside.max() > 0.0:
@@ -115,6 +124,9 @@ def warnings(run: Run) -> list[str]:
             f"the shaft tilted by {math.degrees(run.tilt.max()):.1f} deg, the cone allows "
             f"{math.degrees(trocar.cone_half_angle):.1f} deg"
         )
+    inside = -mm * obstacle_distance(run).min()
+    if inside > OBSTACLE_WARNING_MM:
+        found.append(f"the instrument went {inside:.3g} mm into an obstacle")
     gain = float(run.options.get("gain", 0.0)) * run.period
     if gain > 1.0:
         found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")

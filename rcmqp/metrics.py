@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.run import Run
+from rcmqp.scene import clearance
 
 SATURATED = 1.0 - 1e-6
 """Share of a limit from which on a joint counts as saturated."""
@@ -32,6 +34,8 @@ class Metrics:
         saturated_share: of the cycles, those in which a joint is commanded at its limit of speed
             or of acceleration, or above.
         limit_margin_min_rad: least distance of a joint from a position limit; negative outside.
+        obstacle_distance_min_mm: least distance of the instrument from an obstacle, from surface
+            to surface; negative inside one, inf where there is none.
         singular_value_min: least singular value of the effector's geometric Jacobian [m, rad].
         tip_speed_rms_mm_s: of the desired tip; the law's lag is this over K.
     """
@@ -55,6 +59,7 @@ class Metrics:
     acceleration_ratio_max: float
     saturated_share: float
     limit_margin_min_rad: float
+    obstacle_distance_min_mm: float
     singular_value_min: float
     tip_speed_rms_mm_s: float
     solve_time_median_us: float
@@ -81,12 +86,19 @@ def compute_metrics(run: Run) -> Metrics:
         "acceleration_ratio_max": acceleration_ratio.max(),
         "saturated_share": np.mean(np.maximum(speed_ratio, acceleration_ratio) >= SATURATED),
         "limit_margin_min_rad": margin.min(),
+        "obstacle_distance_min_mm": 1e3 * obstacle_distance(run).min(),
         "singular_value_min": run.singular_value.min(),
         "tip_speed_rms_mm_s": 1e3 * _rms(np.linalg.norm(tip_velocity, axis=-1)),
         "solve_time_median_us": 1e6 * np.median(run.solve_time),
         "solve_time_p99_us": 1e6 * np.percentile(run.solve_time, 99),
     }
     return Metrics(**{name: float(value) for name, value in values.items()})
+
+
+def obstacle_distance(run: Run) -> Array:
+    """Distance (n,) of the instrument from the nearest obstacle [m], see scene.clearance()."""
+    shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
+    return clearance(run.scenario.obstacles, run.scenario.instrument, run.tip, shaft)
 
 
 def _rms(values: Array) -> float:

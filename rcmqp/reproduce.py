@@ -1,4 +1,7 @@
-"""The paper's experiment A, run again: both arms, figures, and a table beside the paper's."""
+"""The paper's experiment A, run again: both arms, figures, and a table beside the paper's.
+
+It ends with the paper's law beside hierarchical_qp.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,8 @@ from rcmqp.simulate import simulate
 
 ARMS = ("lwa3", "meka_a2")
 PERIODS = (8e-3, 1e-3)
-FIGURES = ("fig2_trajectories", "fig3_errors")
+LAW, RIVAL = "dual_quaternion", "hierarchical_qp"
+FIGURES = ("fig2_trajectories", "fig3_errors", "errors_beside_hierarchical_qp")
 PAPER_RCM_MAX_MM = 0.05
 
 _ROWS: tuple[tuple[str, str, str, str], ...] = (
@@ -34,20 +38,37 @@ _ROWS: tuple[tuple[str, str, str, str], ...] = (
 )
 
 
+_VERSUS_ROWS: tuple[tuple[str, str, str], ...] = (
+    ("RCM error, max [mm]", "rcm_max_mm", ".4f"),
+    ("RCM error, rms [mm]", "rcm_rms_mm", ".4f"),
+    ("tip error, rms [mm]", "tip_rms_mm", ".4f"),
+    ("tip error, max [mm]", "tip_max_mm", ".4f"),
+    ("orientation error, rms [mrad]", "orientation_rms_mrad", ".3f"),
+    ("joint speed over its limit, max", "speed_ratio_max", ".2f"),
+    ("joint acceleration over its limit, max", "acceleration_ratio_max", ".2f"),
+    ("margin to joint limits, least [rad]", "limit_margin_min_rad", ".2f"),
+    ("singular value, least", "singular_value_min", ".3f"),
+)
+
+
 @dataclass(frozen=True)
 class ExperimentA:
     """What reproduce_a() found, and the files it left.
 
     Attributes:
-        runs: one for each sampling period and arm.
-        metrics: of each run.
+        runs: of the paper's law, one for each sampling period and arm.
+        metrics: of each of them.
         table: Markdown, the paper's figures in the first column.
+        rivals: runs of hierarchical_qp, one for each arm, at 1 ms.
+        versus: Markdown, the law beside hierarchical_qp.
         files: all that were written.
     """
 
     runs: list[Run]
     metrics: list[Metrics]
     table: str
+    rivals: list[Run]
+    versus: str
     files: list[Path]
 
 
@@ -61,7 +82,8 @@ def reproduce_a(
     """Run experiment A with the paper's controller and write runs, figures and a table.
 
     The helix runs at T = 8 ms, the period that the paper's Table I implies, and at 1 ms, with
-    the paper's K = 60 1/s, K_c = 7 and c_d = 1, and no extension.
+    the paper's K = 60 1/s, K_c = 7 and c_d = 1, and no extension. It ends with the same helix
+    under hierarchical_qp, with the same numbers, at 1 ms.
 
     Args:
         out: folder, made if it is not there.
@@ -73,30 +95,56 @@ def reproduce_a(
         RunFileError: the folder or a file in it cannot be written.
     """
     folder = make_folder(out)
-    files = _files(folder, arms)
+    law = [(LAW, arm, period) for period in PERIODS for arm in arms]
+    rival = [(RIVAL, arm, PERIODS[-1]) for arm in arms]
+    files = [folder / _run_name(*case) for case in law + rival]
+    files += [folder / f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
+    files.append(folder / "experiment_a.md")
     for file in files:
         check_writable(file)
-    runs = []
-    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    for period in PERIODS:
-        for arm in arms:
-            scenario = load_scenario("conical_helix", arm, period=period, **changes)
-            controller = make_controller("dual_quaternion", scenario.insertion(), period)
-            title = f"{arm_title(arm)}, T = {1e3 * period:g} ms"
-
-            def report(done: int, title: str = title, total: int = scenario.cycles) -> None:
-                if progress is not None:
-                    progress(title, done, total)
-
-            run = simulate(scenario, controller, report)
-            run.save(folder / _run_name(arm, period))
-            runs.append(run)
+    found = []
+    for case, file in zip(law + rival, files, strict=False):
+        found.append(helix(*case, duration, progress))
+        found[-1].save(file)
+    runs, rivals = found[: len(law)], found[len(law) :]
     metrics = [compute_metrics(run) for run in runs]
     table = comparison_table(runs, metrics)
-    _write_figures(runs[: len(arms)], folder)
+    pairs = [run for pair in zip(runs[-len(arms) :], rivals, strict=True) for run in pair]
+    versus = versus_table(pairs)
+    _write_figures(folder, runs[: len(arms)], pairs)
     length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
-    (folder / "experiment_a.md").write_text(f"# Experiment A\n\n{length}{table}", encoding="utf-8")
-    return ExperimentA(runs, metrics, length + table, files)
+    (folder / "experiment_a.md").write_text(
+        f"# Experiment A\n\n{length}{table}\n## Beside hierarchical_qp\n\n{versus}",
+        encoding="utf-8",
+    )
+    return ExperimentA(runs, metrics, length + table, rivals, versus, files)
+
+
+def helix(
+    controller: str,
+    arm: str,
+    period: float,
+    duration: float | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Run:
+    """Experiment A's helix, or the first ``duration`` [s] of it, under a controller as it comes.
+
+    Args:
+        controller: a key of CONTROLLERS.
+        arm: a name that load_arm() knows.
+        period: sampling period T [s].
+        duration: how long to simulate [s].
+        progress: see reproduce_a().
+    """
+    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
+    scenario = load_scenario("conical_helix", arm, period=period, **changes)
+    title = f"{arm_title(arm)}, {controller}, T = {1e3 * period:g} ms"
+
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(title, done, scenario.cycles)
+
+    return simulate(scenario, make_controller(controller, scenario.insertion(), period), report)
 
 
 def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
@@ -118,19 +166,35 @@ def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _run_name(arm: str, period: float) -> str:
-    return f"{arm}_{1e3 * period:g}ms.h5"
+def versus_table(runs: Sequence[Run]) -> str:
+    """Markdown table: each run of one controller beside that of another on the same arm."""
+    heads = [
+        f"{arm_title(run.scenario.arm)}, {1e3 * run.period:g} ms, {run.controller}" for run in runs
+    ]
+    lines = [
+        f"| {' | '.join(['', *heads])} |",
+        f"| {' | '.join(['---', *['---:'] * len(runs)])} |",
+    ]
+    metrics = [compute_metrics(run) for run in runs]
+    for label, name, style in _VERSUS_ROWS:
+        cells = [format(getattr(found, name), style) for found in metrics]
+        lines.append(f"| {' | '.join([label, *cells])} |")
+    return "\n".join(lines) + "\n"
 
 
-def _files(folder: Path, arms: Sequence[str]) -> list[Path]:
-    """All that reproduce_a() writes."""
-    names = [_run_name(arm, period) for period in PERIODS for arm in arms]
-    names += [f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
-    return [folder / name for name in [*names, "experiment_a.md"]]
+def _run_name(controller: str, arm: str, period: float) -> str:
+    suffix = "" if controller == LAW else f"_{controller}"
+    return f"{arm}_{1e3 * period:g}ms{suffix}.h5"
 
 
-def _write_figures(runs: Sequence[Run], folder: Path) -> None:
+def _write_figures(folder: Path, runs: Sequence[Run], pairs: Sequence[Run]) -> None:
+    """The paper's two, and the errors of both controllers over the same axes."""
     from rcmqp import plots  # matplotlib takes long to import
 
-    for name, draw in zip(FIGURES, (plots.trajectory_figure, plots.error_figure), strict=True):
-        plots.save_figure(draw(runs), folder / name)
+    figures = (
+        plots.trajectory_figure(runs),
+        plots.error_figure(runs),
+        plots.error_figure(pairs, logarithmic=True),
+    )
+    for name, figure in zip(FIGURES, figures, strict=True):
+        plots.save_figure(figure, folder / name)

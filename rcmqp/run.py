@@ -6,18 +6,20 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import ArmError, RcmqpError, RunFileError
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT = "rcmqp run"
 FORMAT_VERSION = 2
@@ -56,7 +58,7 @@ class Run:
     angles: Array = _channel("rad", "(n, nv) joint angles; m if prismatic")
     v: Array = _channel("rad/s", "(n, nv) joint velocity commanded, until the next instant")
     v_actual: Array = _channel("rad/s", "(n, nv) joint velocity at the instant")
-    v_measured: Array = _channel("rad/s", "(n, nv) the joint velocity that the controller saw")
+    v_measured: Array = _channel("rad/s", "(n, nv) joint velocity as the plant measured it")
     pivot: Array = _channel("m", "(n, 3) trocar in the world")
     x: Array = _channel(
         "1, m",
@@ -78,6 +80,8 @@ class Run:
     solve_time: Array = _channel("s", "(n,) time the controller took for the step")
     diagnostics: Mapping[str, Array] = field(default_factory=dict)
     about_diagnostics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    """Why the controller stopped safely, and the rows of the cycles in which it did."""
 
     def __post_init__(self) -> None:
         """Protect the arrays."""
@@ -110,6 +114,8 @@ class Run:
         sha.update(self.scenario.to_json().encode())
         sha.update(self.urdf_sha256.encode())
         sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
+        if self.stops:
+            sha.update(json.dumps(self.stops).encode())
         return sha.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -148,6 +154,8 @@ class Run:
         Raises:
             RunFileError: the file cannot be written.
         """
+        import h5py  # only files need it, and it takes long to import
+
         path = Path(path).resolve()
         check_writable(path)
         part = _part(path)
@@ -174,6 +182,7 @@ class Run:
         for item in _channels():
             dataset = file.create_dataset(item.name, data=getattr(self, item.name), **CHECKED)
             dataset.attrs.update(item.metadata)
+        file.create_dataset("stops", data=json.dumps(self.stops))
         group = file.create_group("diagnostics")
         for name, values in self.diagnostics.items():
             unit, meaning = self.about_diagnostics.get(name, ("", "(n,) see the controller"))
@@ -187,6 +196,8 @@ class Run:
         Raises:
             RunFileError: the file is missing, damaged, of another format or a later version.
         """
+        import h5py  # only files need it, and it takes long to import
+
         path = Path(path)
         if not path.is_file():
             reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
@@ -226,6 +237,7 @@ class Run:
             versions=json.loads(file.attrs["versions"]),
             joints=tuple(json.loads(file.attrs["joints"])),
             urdf_sha256=file.attrs["urdf_sha256"],
+            stops=json.loads(file["stops"][()]) if "stops" in file else {},
             diagnostics={name: data[()] for name, data in file["diagnostics"].items()},
             about_diagnostics={
                 name: (data.attrs["unit"], data.attrs["meaning"])

@@ -205,9 +205,10 @@ class Scenario:
             return None
         return Planner(x_rcm, round(self.planner_time / self.period) - 1, self.period)
 
-    def pivots(self) -> Array:
-        """Where the trocar is (cycles, 3) at the sampling instants, in the world [m]."""
-        offsets = [self.motion.position(k * self.period) for k in range(self.cycles)]
+    def pivots(self, cycles: range | None = None) -> Array:
+        """Where the trocar is (n, 3) at n sampling instants, or at all, in the world [m]."""
+        cycles = range(self.cycles) if cycles is None else cycles
+        offsets = [self.motion.position(k * self.period) for k in cycles]
         return np.array(self.trocar.pivot) + np.array(offsets)
 
     def references(self, insertion: Insertion) -> Iterator[Reference]:

@@ -9,11 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rcmqp import dualquaternion as dq
-from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.base import SAFE_STOP, Command, Controller
+from rcmqp.derived import Derived
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.insertion import insertion_depth, rcm_error, tilt
 from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 
@@ -28,7 +27,10 @@ def simulate(
     """Run a controller on the scenario's plant, its trocar moving as the scenario says.
 
     The controller sees what the plant measures; the record has the truth beside it, and every
-    error in it is the true one.
+    error in it is the true one. A state's velocity is the last command, not the measured one: it
+    is commands that limits on the acceleration are for, and a measured velocity lags behind.
+    Where the controller answers with its safe stop, the run goes on, and the record says when
+    and why.
 
     Args:
         scenario: what to do.
@@ -47,12 +49,14 @@ def simulate(
     x, x_d = np.empty((2, n, 8))
     J, solve_time = np.empty((n, 6, arm.nv)), np.empty(n)
     diagnostics: dict[str, Array] = {}
+    stops: dict[str, list[int]] = {}
 
     controller.reset()
     drive = scenario.plant.start(arm, insertion.q_start, T, scenario.seed)
+    command = drive.v
     for k, reference in enumerate(scenario.references(insertion)):
         q_seen, v_seen = drive.measure()
-        state = seen = arm.state(q_seen, v_seen)
+        state = seen = arm.state(q_seen, command)
         if q_seen is not drive.q:
             state = arm.state(drive.q, drive.v)
         v_actual[k] = drive.v
@@ -61,21 +65,21 @@ def simulate(
         solve_time[k] = time.perf_counter() - start
         _check_answer(answer, controller.name, arm.nv, k * T)
         drive.step(answer.v)
+        command = answer.v
 
         q[k], x[k], x_d[k], v[k] = state.q, state.x, reference.x_d, answer.v
-        q_measured[k], v_measured[k] = seen.q, seen.v
+        q_measured[k], v_measured[k] = seen.q, v_seen
         angles[k], J[k] = state.angles, state.J_local
         for name, value in answer.diagnostics.items():
             if name not in diagnostics:
                 diagnostics[name] = np.full(n, np.nan)
             diagnostics[name][k] = value
+        if answer.stop:
+            stops.setdefault(answer.stop, []).append(k)
         if progress is not None and (k % 100 == 99 or k == n - 1):
             progress(k % 100 + 1)
 
-    pivot = scenario.pivots()
-    x = _continuous(x)
-    x_d = dq.align_sign(x_d, x)
-    tip, tip_d = insertion.tip(x), insertion.tip(x_d)
+    derived = Derived(scenario, insertion).of({"x": x, "x_d": x_d, "J": J})
     return Run(
         scenario=scenario,
         controller=controller.name,
@@ -86,28 +90,17 @@ def simulate(
         upper=arm.upper,
         velocity_limit=arm.velocity,
         acceleration_limit=arm.acceleration,
-        time=T * np.arange(n, dtype=float),
         q=q,
         q_measured=q_measured,
         angles=angles,
         v=v,
         v_actual=v_actual,
         v_measured=v_measured,
-        pivot=pivot,
-        x=x,
-        x_d=x_d,
-        tip=tip,
-        tip_d=tip_d,
-        tip_error=np.linalg.norm(tip - tip_d, axis=-1),
-        effector_error=np.linalg.norm(dq.translation(x) - dq.translation(x_d), axis=-1),
-        orientation_error=dq.angle_between(x, x_d),
-        rcm_error=rcm_error(x, pivot),
-        depth=insertion_depth(x, pivot, insertion.tip_depth),
-        tilt=tilt(x, np.array(scenario.trocar.axis)),
-        singular_value=np.asarray(np.linalg.svd(J, compute_uv=False)[:, -1], dtype=float),
+        **derived,
         solve_time=solve_time,
         diagnostics=diagnostics,
-        about_diagnostics=controller.diagnostics,
+        about_diagnostics={**SAFE_STOP, **controller.diagnostics},
+        stops=stops,
         urdf_sha256=arm.sha256,
     )
 
@@ -116,13 +109,6 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide a run's numbers."""
     found = {name: importlib.metadata.version(name) for name in PACKAGES}
     return {"python": platform.python_version(), **found}
-
-
-def _continuous(x: Array) -> Array:
-    """Poses (n, 8) with signs such that each is on the side of the one before."""
-    same = np.sum(x[1:, :4] * x[:-1, :4], axis=1) >= 0.0
-    signs = np.concatenate([[1.0], np.cumprod(np.where(same, 1.0, -1.0))])
-    return signs[:, None] * x
 
 
 def _check_answer(answer: Command, name: str, nv: int, t: float) -> None:

@@ -10,6 +10,8 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
+from rcmqp.dualquaternion import from_rotation
+from rcmqp.scene import Sphere
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +77,7 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         acceleration_ratio_max=0.5,  # joint one by 0.5 in 0.5 s, of 2; joint two has no limit
         saturated_share=0.0,
         limit_margin_min_rad=0.25,  # joint one at 1.75 of 2
+        obstacle_distance_min_mm=math.inf,
         singular_value_min=0.1,
         tip_speed_rms_mm_s=10.0 / math.sqrt(3.0),  # sqrt((36 + 64 + 0) / 3)
         solve_time_median_us=3.0,
@@ -125,6 +128,27 @@ def test_a_cycle_is_saturated_with_a_joint_at_its_limit_of_speed_or_acceleration
 def test_an_arm_without_position_limits_has_an_infinite_margin(small: Run) -> None:
     free = dataclasses.replace(small, lower=np.full(2, -np.inf), upper=np.full(2, np.inf))
     assert compute_metrics(free).limit_margin_min_rad == math.inf
+
+
+def test_the_distance_from_an_obstacle_is_that_of_the_nearest_point_of_the_shaft(
+    small: Run,
+) -> None:
+    length, radius = small.scenario.instrument.length, small.scenario.instrument.radius
+    turned = from_rotation([math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])  # z along the world's x
+    balls = (Sphere((-0.1, 0.0, 0.05), 0.01), Sphere((0.0, 2.0, 0.0), 0.3))
+    tips = {  # of the shaft, which ends at the origin's x; and the distance of its axis
+        (0.0, 0.0, 0.0): 0.05,  # the ball is beside the shaft
+        (-0.13, 0.0, 0.0): math.hypot(0.03, 0.05),  # in front of the tip
+        (length - 0.06, 0.0, 0.0): math.hypot(0.04, 0.05),  # behind the mount
+        (-0.1, 0.0, 0.02): 0.03,
+    }
+    scenario = dataclasses.replace(small.scenario, obstacles=balls)
+    for tip, distance in tips.items():
+        run = dataclasses.replace(
+            small, scenario=scenario, x=np.tile(turned, (4, 1)), tip=np.tile(tip, (4, 1))
+        )
+        found = compute_metrics(run).obstacle_distance_min_mm
+        assert_allclose(found, 1e3 * (distance - 0.01 - radius), rtol=1e-12)
 
 
 def test_metrics_come_from_the_recorded_channels_alone() -> None:

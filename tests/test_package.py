@@ -9,6 +9,19 @@ import pytest
 
 import rcmqp
 
+HEAVY = {  # each takes long to import, and neither importing rcmqp nor its help needs it
+    "daqp",
+    "h5py",
+    "joblib",
+    "matplotlib",
+    "meshcat",
+    "numba",
+    "proxsuite",
+    "qpsolvers",
+    "rich.progress",
+    "scipy",
+}
+
 
 @pytest.mark.parametrize("name", rcmqp.__all__)
 def test_every_public_name_resolves(name: str) -> None:
@@ -27,7 +40,9 @@ def test_package_is_typed() -> None:
     assert (importlib.resources.files("rcmqp") / "py.typed").is_file()
 
 
-def test_import_stays_light() -> None:
-    code = "import sys, rcmqp; print(sorted({'matplotlib', 'meshcat'} & set(sys.modules)))"
+@pytest.mark.parametrize("line", ["import rcmqp", "from rcmqp.cli import main; main(['--help'])"])
+def test_import_and_help_load_nothing_heavy(line: str) -> None:
+    loaded = f"print('loaded', sorted({HEAVY} & set(sys.modules)))"
+    code = f"import atexit, sys; atexit.register(lambda: {loaded}); {line}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.splitlines()[-1] == "loaded []"

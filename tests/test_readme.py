@@ -7,7 +7,8 @@ import io
 import re
 from pathlib import Path
 
-from rcmqp.reproduce import reproduce_a
+from rcmqp.metrics import compute_metrics
+from rcmqp.reproduce import ARMS, LAW, PERIODS, comparison_table, helix
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 SHOWN = re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", README, flags=re.DOTALL)
@@ -22,8 +23,9 @@ def test_each_program_prints_what_stands_below_it() -> None:
         assert out.getvalue() == printed
 
 
-def test_the_results_are_those_that_reproduce_prints(tmp_path: Path) -> None:
-    assert reproduce_a(tmp_path).table in README
+def test_the_results_are_those_that_reproduce_prints() -> None:
+    runs = [helix(LAW, arm, period) for period in PERIODS for arm in ARMS]
+    assert comparison_table(runs, list(map(compute_metrics, runs))) in README
 
 
 def test_every_file_and_test_that_it_names_is_there() -> None:

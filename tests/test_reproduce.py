@@ -36,11 +36,27 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
 
     found = reproduce_a(tmp_path / "new", duration=0.05, progress=progress)
     assert reported == totals
-    assert len(reported) == len(found.runs) == 4
+    assert len(reported) == len(found.runs) + len(found.rivals) == 6
     assert sorted(found.files) == sorted((tmp_path / "new").iterdir())
     assert all(file.stat().st_size > 0 for file in found.files)
-    assert (tmp_path / "new" / "experiment_a.md").read_text().endswith(found.table)
+    assert (
+        (tmp_path / "new" / "experiment_a.md")
+        .read_text()
+        .endswith(f"{found.table}\n## Beside hierarchical_qp\n\n{found.versus}")
+    )
     assert Run.load(tmp_path / "new" / "meka_a2_8ms.h5") == found.runs[1]
+    assert Run.load(tmp_path / "new" / "lwa3_1ms_hierarchical_qp.h5") == found.rivals[0]
+    heads, _, *rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in found.versus.splitlines()
+    ]
+    pairs = [found.runs[2], found.rivals[0], found.runs[3], found.rivals[1]]
+    assert [head.split(", ")[-2:] for head in heads[1:]] == [
+        ["1 ms", run.controller] for run in pairs
+    ]
+    assert rows[2] == [
+        "tip error, rms [mm]",
+        *(f"{1e3 * np.sqrt(np.mean(run.tip_error**2)):.4f}" for run in pairs),
+    ]
 
 
 def test_the_table_holds_the_runs_own_numbers(runs: list[Run]) -> None:

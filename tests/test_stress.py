@@ -22,6 +22,7 @@ from rcmqp import (
     scenario_names,
     simulate,
 )
+from rcmqp.console import warnings
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.dualquaternion import Array, to_se3
 from rcmqp.scenario import scenario_module
@@ -36,6 +37,7 @@ STRESS = {
     "lissajous",
     "moving_trocar",
     "near_singularity",
+    "obstacle",
     "servo_helix",
     "six_joints",
     "trocar_1cm_05hz",
@@ -164,6 +166,23 @@ def test_the_views_leave_cone_and_depth_range_on_both_sides(arm: str) -> None:
     assert low < 0.1 < high
 
 
+@pytest.mark.parametrize("controller", list(CONTROLLERS))
+def test_a_path_through_an_obstacle_is_kept_out_of_it_by_who_knows_of_obstacles(
+    controller: str,
+) -> None:
+    run = ran(load_scenario("obstacle", "panda", period=8e-3, duration=2.2), controller)
+    found = compute_metrics(run)
+    said = [text for text in warnings(run) if "into an obstacle" in text]
+    if controller in ("hierarchical_qp", "weighted_qp", "vfi_qp"):
+        assert -0.005 < found.obstacle_distance_min_mm < 2.0  # it went there, and not in
+        assert found.tip_max_mm > 10.0
+        assert not said
+        assert not run.stops
+    else:
+        assert found.obstacle_distance_min_mm < -5.0
+        assert said
+
+
 # The trocar --------------------------------------------------------------------------------
 
 
@@ -240,7 +259,7 @@ def lag(frequency: float, T: float, told: str) -> float:
 
 
 @pytest.mark.parametrize("told", ["measured", "estimated", "unknown"])
-@pytest.mark.parametrize(("name", "amplitude", "frequency"), MOTIONS[2:])
+@pytest.mark.parametrize(("name", "amplitude", "frequency"), MOTIONS[1:])
 def test_on_a_moving_trocar_the_rcm_error_is_what_theory_gives(
     name: str, amplitude: float, frequency: float, told: str
 ) -> None:
@@ -253,6 +272,16 @@ def test_on_a_moving_trocar_the_rcm_error_is_what_theory_gives(
     v, a = (amplitude * (2 * math.pi * frequency) ** n for n in (1, 2))
     rough = {"measured": a * T / (2 * K), "estimated": a * T / K, "unknown": v / K}
     assert expected == pytest.approx(rough[told], rel=0.2)
+
+
+@pytest.mark.parametrize("told", ["measured", "estimated", "unknown"])
+def test_hierarchical_qp_keeps_a_moving_trocar_as_theory_says(told: str) -> None:
+    T = 4e-3
+    chosen = load_scenario("trocar_1cm_1hz", "ur5", period=T, pivot_velocity=told, duration=2.8)
+    run = ran(chosen, "hierarchical_qp", K_c=0.0)
+    error = run.rcm_error[run.time >= 2.2].max()  # a whole half of the sine, fully grown
+    assert error == pytest.approx(0.01 * lag(1.0, T, told), rel=0.03)
+    assert run.tip_error[run.time >= 2.2].max() < 2.0 * error  # it goes along
 
 
 def test_a_law_without_feed_forward_lags_by_speed_over_gain_whatever_it_is_told() -> None:
