@@ -64,3 +64,49 @@ def usable(
     tolerance: float,
     /,
 ) -> bool: ...
+def law(
+    x: Array,
+    J_local: Array,
+    x_d: Array,
+    x_d_dot: Array,
+    c: float,
+    J_c: Array,
+    numbers: Array,
+    limits: Array,
+    feed_forward: bool,
+    limited: int,
+    /,
+) -> tuple[Array, float, float, float]: ...
+def singularity_product(angles: Array, offsets: Array, /) -> tuple[float, Array]: ...
+def manipulability_measure(J_local: Array, /) -> tuple[float, Array]: ...
+def least_singular_values(J: Array, /) -> Array: ...
+def from_xyzquat(placement: Array, /) -> Array: ...
+def carried(x: Array, offset: Array, /) -> Array: ...
+def view_pose(
+    x_rcm: Array,
+    alpha: float,
+    beta: float,
+    gamma: float,
+    t_z: float,
+    alpha_dot: float,
+    beta_dot: float,
+    gamma_dot: float,
+    t_z_dot: float,
+    pivot_dot: Array,
+    /,
+) -> tuple[Array, Array, Array]: ...
+def approach(
+    x_rcm: Array,
+    pivot_0: Array,
+    x: Array,
+    target: Array,
+    left: int,
+    parts: int,
+    period: float,
+    x_wanted: Array,
+    pivot: Array,
+    pivot_dot: Array,
+    far_angle: float,
+    far_depth: float,
+    /,
+) -> tuple[Array, Array, int, Array, Array, bool]: ...

@@ -12,9 +12,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import FrameNotFound, InvalidCommand, JointLimitViolated, OptionError
+
+_LOCAL = pin.ReferenceFrame.LOCAL
 
 _LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
 """(3, 3, 3): (a x b)_i = sum_jk e[i, j, k] a_j b_k."""
@@ -104,9 +107,11 @@ class Arm:
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
         self._jMflange = frame.placement * offset
-        self._jMe = self._jMflange
-        self._data = model.createData()
+        self._put_effector(self._jMflange)
+        self._q_shape, self._v_shape = (model.nq,), (model.nv,)
+        self._still = _vector("still", np.zeros(model.nv), model.nv)
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
+        self._turning = np.flatnonzero(self._continuous)
         self._idx_q = np.array([joint.idx_q for joint in model.joints[1:]])
         self.lower = self._per_joint(model.lowerPositionLimit, -np.inf)
         self.upper = self._per_joint(model.upperPositionLimit, np.inf)
@@ -147,8 +152,7 @@ class Arm:
         """The same arm, with the effector at a fixed placement seen from the flange."""
         arm = object.__new__(Arm)
         arm.__dict__.update(self.__dict__)
-        arm._data = self.model.createData()
-        arm._jMe = self._jMflange * flangeMe
+        arm._put_effector(self._jMflange * flangeMe)
         return arm
 
     def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:
@@ -161,17 +165,16 @@ class Arm:
         Raises:
             InvalidCommand: q or v has the wrong size.
         """
-        q = self._sized(q, self.nq, "configuration q")
-        v = np.zeros(self.nv) if v is None else self._sized(v, self.nv, "joint velocity v")
-        pin.computeJointJacobians(self.model, self._data, q)  # runs forward kinematics too
-        oMe = self._data.oMi[self._joint] * self._jMe
-        J_local = pin.getFrameJacobian(
-            self.model, self._data, self._joint, self._jMe, pin.ReferenceFrame.LOCAL
-        )
-        angles, x = self.angles(q), dq.from_se3(oMe)
-        for array in (q, angles, x, J_local, v):
-            array.setflags(write=False)
-        return ArmState(q, angles, oMe, x, J_local, v)
+        q = self._sized(q, self._q_shape, "configuration q")
+        v = self._still if v is None else self._sized(v, self._v_shape, "joint velocity v")
+        model, data, effector = self._kinematics, self._data, self._effector
+        pin.computeJointJacobians(model, data, q)  # runs forward kinematics too
+        oMe = pin.updateFramePlacement(model, data, effector)
+        J_local = pin.getFrameJacobian(model, data, effector, _LOCAL)
+        x = _kernel.from_xyzquat(pin.SE3ToXYZQUAT(oMe))
+        J_local.setflags(write=False)
+        x.setflags(write=False)
+        return ArmState(q, self._frozen_angles(q), oMe, x, J_local, v)
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
@@ -182,18 +185,18 @@ class Arm:
     def angles(self, q: ArrayLike) -> Array:
         """Joint coordinates (nv,) of a configuration (nq,): angles where joints are continuous."""
         q = np.asarray(q, dtype=float)
-        angles = q[self._idx_q]
-        if self._continuous.any():
-            sine = q[np.where(self._continuous, self._idx_q + 1, self._idx_q)]
-            angles = np.where(self._continuous, np.arctan2(sine, angles), angles)
-        return np.asarray(angles)
+        angles: Array = q[self._idx_q]
+        if self._turning.size:
+            cosine, sine = q[self._idx_q[self._turning]], q[self._idx_q[self._turning] + 1]
+            angles[self._turning] = np.arctan2(sine, cosine)
+        return angles
 
     def configuration(self, angles: ArrayLike) -> Array:
         """Configuration (nq,) of joint coordinates (nv,); inverse of angles()."""
-        angles = self._checked(angles, self.nv, "joint angles")
+        angles = self._checked(angles, self._v_shape, "joint angles")
         q = np.zeros(self.nq)
         q[self._idx_q] = np.where(self._continuous, np.cos(angles), angles)
-        q[self._idx_q[self._continuous] + 1] = np.sin(angles[self._continuous])
+        q[self._idx_q[self._turning] + 1] = np.sin(angles[self._turning])
         return q
 
     def integrate(self, q: Array, v: Array, dt: float) -> Array:
@@ -211,7 +214,7 @@ class Arm:
         Raises:
             JointLimitViolated: the joint that is farthest outside its limits.
         """
-        angles = self._checked(angles, self.nv, "joint angles")
+        angles = self._checked(angles, self._v_shape, "joint angles")
         worst = int(np.argmin(self.limit_margin(angles)))
         if self.limit_margin(angles)[worst] < 0.0:
             prismatic = self.model.joints[worst + 1].shortname().startswith("JointModelP")
@@ -246,19 +249,37 @@ class Arm:
         )
         return max(_climb(flange, angles, shoulder) for angles in starts[:8])
 
+    def _put_effector(self, jMe: pin.SE3) -> None:
+        """Put the effector at a placement seen from the last joint: a frame of its own."""
+        self._jMe, self._kinematics = jMe, self.model.copy()
+        effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
+        self._effector = self._kinematics.addFrame(effector)
+        self._data = self._kinematics.createData()
+
+    def _frozen_angles(self, q: Array) -> Array:
+        """Joint coordinates (nv,) of q (nq,): q itself where no joint is continuous."""
+        if len(q) == len(self._idx_q):
+            return q
+        angles = self.angles(q)
+        angles.setflags(write=False)
+        return angles
+
     def _per_joint(self, limit: Array, unlimited: float) -> Array:
         values = np.where(self._continuous, unlimited, np.asarray(limit)[self._idx_q])
         return _vector("position limits", values, len(self._idx_q))
 
     @staticmethod
-    def _sized(values: ArrayLike, size: int, what: str) -> Array:
+    def _sized(values: ArrayLike, shape: tuple[int], what: str) -> Array:
+        """A copy of the values that cannot be written."""
         array = np.array(values, dtype=float)
-        if array.shape != (size,):
-            raise InvalidCommand(f"{what} has shape {array.shape}, it must be ({size},)")
+        if array.shape != shape:
+            raise InvalidCommand(f"{what} has shape {array.shape}, it must be {shape}")
+        array.setflags(write=False)
         return array
 
-    def _checked(self, values: ArrayLike, size: int, what: str) -> Array:
-        array = self._sized(values, size, what)
+    def _checked(self, values: ArrayLike, shape: tuple[int], what: str) -> Array:
+        """The same, all of them finite."""
+        array = self._sized(values, shape, what)
         if not np.isfinite(array).all():
             raise InvalidCommand(f"{what} is not finite: {array}")
         return array

@@ -2,6 +2,9 @@
 
 Each is better the larger it is. Singular values are those of the effector's geometric Jacobian
 as it stands, in metres and radians: the number depends on that choice of units.
+
+The two that the paper's law uses by itself are compiled; their ``formula()`` is the same in
+numpy, to be read and to be tested against.
 """
 
 from __future__ import annotations
@@ -58,6 +61,10 @@ class SingularityProduct(Objective):
 
     def evaluate(self, state: ArmState) -> tuple[float, Array]:
         """Value c in [0, 1] and gradient (7,) [1/rad]."""
+        return _kernel.singularity_product(state.angles, self._offsets)
+
+    def formula(self, state: ArmState) -> tuple[float, Array]:
+        """What evaluate() computes."""
         theta = state.angles + self._offsets
         s, c = np.sin(theta), np.cos(theta)
         s3, s4, s5 = s[2], s[3], s[4]
@@ -92,6 +99,12 @@ class Manipulability(Objective):
 
     def evaluate(self, state: ArmState) -> tuple[float, Array]:
         """Value m and gradient (nv,)."""
+        if state.J_local.shape[1] < 6:
+            return self.formula(state)
+        return _kernel.manipulability_measure(np.ascontiguousarray(state.J_local))
+
+    def formula(self, state: ArmState) -> tuple[float, Array]:
+        """What evaluate() computes."""
         U, s, Vt = np.linalg.svd(state.J_local, full_matrices=False)
         others = np.prod(np.where(np.eye(len(s)), 1.0, s), axis=1)  # m / s_i, also where s_i = 0
         weighted = (U * others) @ Vt

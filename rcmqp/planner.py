@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.reference import Reference, carried, pose_rate
+from rcmqp.reference import Reference
 
 FAR_ANGLE = 0.01
 """A reference that turns further than this from the last one is planned [rad]."""
@@ -105,35 +106,23 @@ class Planner:
 
         Its derivative is the velocity of the part that follows: zero at the last one.
         """
-        offset = reference.pivot - self._pivot
-        target = carried(reference.x_d, -offset)
-        r_l, t_l = constrain(self.x_rcm, self._x)
-        r_d, t_d = constrain(self.x_rcm, dq.align_sign(target, self._x))
-        log_turn, dive = _log_turn(r_l, r_d), t_d - t_l
-        if self._left == 0 and not self._far(self._x, target):
-            self._x = self._target = target
+        self._x, self._target, self._left, x_d, x_d_dot, moved = _kernel.approach(
+            self.x_rcm,
+            self._pivot,
+            self._x,
+            self._target,
+            self._left,
+            self.points + 1,
+            self.period,
+            reference.x_d,
+            reference.pivot,
+            reference.pivot_dot,
+            FAR_ANGLE,
+            FAR_DEPTH,
+        )
+        if not moved:
             return reference
-        if self._left == 0 or self._far(self._target, target):
-            self._left = self.points + 1
-        self._target = target
-        r = dq.quaternion_mul(r_l, dq.quaternion_exp(log_turn / self._left))
-        t = t_l + dive / self._left
-        onwards = 1.0 / (self._left * self.period) if self._left > 1 else 0.0
-        omega = 2.0 * log_turn * onwards
-        nu = [omega[1] * t, -omega[0] * t, dive * onwards]
-        self._x = _constrained_pose(self.x_rcm, r, np.array(t))
-        self._left -= 1
-        x_d = carried(self._x, offset)
-        x_d_dot = pose_rate(x_d, omega, nu, reference.pivot_dot)
         return Reference(x_d, x_d_dot, reference.pivot, reference.pivot_dot)
-
-    def _far(self, x: Array, x_d: Array) -> bool:
-        """Whether x_d (8,) is further from x (8,) than may be asked for in one cycle.
-
-        Both as seen from the trocar at rest.
-        """
-        dive = constrain(self.x_rcm, x_d)[1] - constrain(self.x_rcm, x)[1]
-        return float(dq.angle_between(x, x_d)) > FAR_ANGLE or abs(dive) > FAR_DEPTH
 
 
 def _log_turn(r_l: Array, r_d: Array) -> Array:

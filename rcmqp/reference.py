@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp import dualquaternion as dq
+from rcmqp import _kernel
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand
 
@@ -42,7 +43,9 @@ class ViewCommand:
 
     def __post_init__(self) -> None:
         """Refuse what is not a number."""
-        if not all(map(math.isfinite, astuple(self))):
+        total = self.alpha + self.beta + self.gamma + self.t_z
+        total += self.alpha_dot + self.beta_dot + self.gamma_dot + self.t_z_dot
+        if not math.isfinite(total) and not all(map(math.isfinite, astuple(self))):
             raise InvalidCommand(f"not finite: {self}; a view needs eight finite numbers")
 
 
@@ -89,54 +92,34 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command: the view and its rates.
         pivot_dot: (3,) velocity of the trocar [m/s]; the reference moves with it.
     """
-    sa, ca = math.sin(command.alpha / 2), math.cos(command.alpha / 2)
-    sb, cb = math.sin(command.beta / 2), math.cos(command.beta / 2)
-    sg, cg = math.sin(command.gamma / 2), math.cos(command.gamma / 2)
-    w, x, y, z = ca * cb, ca * sb, sa * cb, -sa * sb  # r_alpha r_beta
-    r = (w * cg - z * sg, x * cg + y * sg, y * cg - x * sg, z * cg + w * sg)
-    h = command.t_z / 2
-    local = np.array([*r, -h * r[3], h * r[2], -h * r[1], h * r[0]])  # r (1 + eps k t_z / 2)
-    x_d = dq.H8_plus(x_rcm) @ local
-
-    # Angular velocity in the effector's axes: alpha about y, seen after beta and gamma; beta
-    # about x, seen after gamma; gamma about z.
-    s, c = math.sin(command.beta), math.cos(command.beta)
-    u, n = command.beta_dot, command.alpha_dot * c
-    sin_g, cos_g = math.sin(command.gamma), math.cos(command.gamma)
-    omega = (
-        u * cos_g + n * sin_g,
-        n * cos_g - u * sin_g,
-        command.gamma_dot - s * command.alpha_dot,
+    x_rcm = np.ascontiguousarray(x_rcm, dtype=float)
+    pivot_dot = np.ascontiguousarray(pivot_dot, dtype=float)
+    if x_rcm.shape != (8,) or pivot_dot.shape != (3,):
+        raise InvalidCommand(
+            f"x_rcm has shape {x_rcm.shape} and pivot_dot {pivot_dot.shape}, they must be (8,) "
+            "and (3,)"
+        )
+    x_d, x_d_dot, pivot = _kernel.view_pose(
+        x_rcm,
+        command.alpha,
+        command.beta,
+        command.gamma,
+        command.t_z,
+        command.alpha_dot,
+        command.beta_dot,
+        command.gamma_dot,
+        command.t_z_dot,
+        pivot_dot,
     )
-    nu = (omega[1] * command.t_z, -omega[0] * command.t_z, command.t_z_dot)
-    pivot_dot = np.asarray(pivot_dot, dtype=float)
-    return Reference(x_d, pose_rate(x_d, omega, nu, pivot_dot), dq.translation(x_rcm), pivot_dot)
-
-
-def pose_rate(x: Array, omega: ArrayLike, nu: ArrayLike, drift: Array) -> Array:
-    """Time derivative (8,) of a pose x (8,) that turns, moves and is carried along.
-
-    Args:
-        x: (8,) the pose.
-        omega: (3,) angular velocity in its own axes [rad/s].
-        nu: (3,) linear velocity in its own axes [m/s].
-        drift: (3,) velocity in the world's axes [m/s] that comes on top.
-    """
-    x_dot = 0.5 * dq.mul(x, np.array([0.0, *np.asarray(omega), 0.0, *np.asarray(nu)]))
-    x_dot[4:] += 0.5 * dq.quaternion_mul([0.0, *drift], dq.P(x))
-    return x_dot
+    return Reference(x_d, x_d_dot, pivot, pivot_dot)
 
 
 def carried(x: Array, offset: Array) -> Array:
     """The pose x (8,) moved by ``offset`` (3,) [m] in the world's axes; x itself for zero."""
-    if not offset.any():
-        return x
-    moved = x.copy()
-    moved[4:] += 0.5 * dq.quaternion_mul([0.0, *offset], dq.P(x))
-    return moved
+    return _kernel.carried(x, offset)
 
 
-def view_of_tip(p: ArrayLike, p_dot: ArrayLike, tip_depth: float) -> ViewCommand:
+def view_of_tip(p: Iterable[float], p_dot: Iterable[float], tip_depth: float) -> ViewCommand:
     """The view, without roll, whose tip stands at ``p``; inverse of equation (5).
 
     Args:
@@ -147,8 +130,8 @@ def view_of_tip(p: ArrayLike, p_dot: ArrayLike, tip_depth: float) -> ViewCommand
     Raises:
         InvalidCommand: p is not finite, or lies in the plane of the trocar or outside.
     """
-    px, py, pz = (float(value) for value in np.asarray(p, dtype=float))
-    vx, vy, vz = (float(value) for value in np.asarray(p_dot, dtype=float))
+    px, py, pz = map(float, p)
+    vx, vy, vz = map(float, p_dot)
     if not pz > 0.0:
         raise InvalidCommand(f"tip at z = {pz} m from the trocar; it must be inside, z > 0")
     h = math.hypot(px, pz)

@@ -605,6 +605,7 @@ def test_vfi_qp_finds_the_optimum_though_its_backend_lies(status: Status) -> Non
         law = made("vfi_qp", insertion, d_safe=2e-3)
         expected = law.step(state, reference)
         assert isinstance(law, VfiQP)
+        law.reset()
         law._hierarchy._solvers[:] = [liar]
         answer = law.step(state, reference)
         assert answer.diagnostics["safe_stop"] == 0.0

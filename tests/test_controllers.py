@@ -121,7 +121,9 @@ def test_steps_share_no_memory(name: str) -> None:
     given = [states[0].q, states[0].angles, states[0].x, states[0].J_local]
     given += [references[0].x_d, references[0].x_d_dot, arm.velocity]
     assert not any(np.shares_memory(first.v, array) for array in given)
-    first.v.setflags(write=True)
+    for array in (first.v.base, first.v):
+        if array is not None:
+            array.setflags(write=True)
     first.v[:] = np.nan
     for array in given[:-1]:
         array.setflags(write=True)

@@ -575,6 +575,7 @@ def test_the_diagnostics_are_what_they_are_said_to_be() -> None:
         "sigma_6_of_N": np.linalg.svd(J, compute_uv=False)[-1] / 2.0,
         "rank": 6.0,
         "scale": 1.0,
+        "safe_stop": 0.0,
     }
     assert found.diagnostics.keys() == expected.keys()
     for name, value in expected.items():

@@ -194,6 +194,16 @@ def test_planner_never_jumps_when_the_target_jumps_on_the_way() -> None:
     assert turns.max() < 1.01 / (N + 1)  # the longest way there is, 1 rad, in N + 1 parts
 
 
+def test_planner_never_jumps_when_the_target_goes_deeper_on_the_way() -> None:
+    x_rcm, N = random_rcm(), 20
+    planner = Planner(x_rcm, N, PERIOD)
+    targets = [view_pose(x_rcm, ViewCommand(t_z=t_z)) for t_z in (0.02, -0.02)]
+    fed = [planner.step(targets[0]).x_d for _ in range(N)]  # all but the last part
+    fed += [planner.step(targets[1]).x_d for _ in range(3)]
+    _, dives = turns_and_dives(x_rcm, np.array([x_rcm, *fed]))
+    assert np.abs(dives).max() < 0.0404 / (N + 1)  # the longest way there is, in N + 1 parts
+
+
 @VIEWS
 def test_x_d_dot_is_the_velocity_of_the_part_to_come(
     views: tuple[ViewCommand, ViewCommand],

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
@@ -89,6 +90,8 @@ class DualQuaternion(Controller):
     damping_from: float = 0.02
     velocity_limit: str = "none"
     _objective: Objective = field(init=False, repr=False)
+    _numbers: Array = field(init=False, repr=False)
+    _limited: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options and make the objective.
@@ -118,9 +121,32 @@ class DualQuaternion(Controller):
         own = "manipulability" if arm.srs_offsets is None else "singularity_product"
         object.__setattr__(self, "objective", self.objective or own)
         object.__setattr__(self, "_objective", make_objective(self.objective, arm))
+        options = (self.gain, self.K_c, self.c_d, self.tolerance, self.damping, self.damping_from)
+        numbers = np.array([*options, RANK_TOLERANCE])
+        numbers.setflags(write=False)
+        object.__setattr__(self, "_numbers", numbers)
+        object.__setattr__(self, "_limited", VELOCITY_LIMITS.index(self.velocity_limit))
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
-        """One evaluation of the law at ``state``."""
+        """One evaluation of the law at ``state``, compiled; see Controller.step()."""
+        c, J_c = self._objective.evaluate(state)
+        v, sigma_6, rank, scale = _kernel.law(
+            state.x,
+            np.ascontiguousarray(state.J_local),
+            np.ascontiguousarray(reference.x_d, dtype=float),
+            np.ascontiguousarray(reference.x_d_dot, dtype=float),
+            c,
+            J_c,
+            self._numbers,
+            self.insertion.arm.velocity,
+            self.feed_forward,
+            self._limited,
+        )
+        numbers = {"objective": c, "sigma_6_of_N": sigma_6, "rank": rank, "scale": scale}
+        return Command(v, numbers)
+
+    def law(self, state: ArmState, reference: Reference) -> Command:
+        """The law as equations (3), (4) and (6) have it, in numpy: what step() computes."""
         x_d = dq.align_sign(reference.x_d, state.x)
         x_d_dot = reference.x_d_dot if x_d @ reference.x_d > 0.0 else -reference.x_d_dot
 

@@ -14,13 +14,14 @@ from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_not_negative
 from rcmqp.controllers.program import LevelOfTasks, Program
+from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
 from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
 from rcmqp.qp import Hierarchy, HierarchySolution
 from rcmqp.qp.hierarchy import Asked
 from rcmqp.qp.levels import Answer
 from rcmqp.reference import Reference
-from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask
+from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
 
 CONE_DECELERATION = 1.0
 """What the shaft may be slowed down with before the cone's edge [rad/s^2]."""
@@ -45,7 +46,8 @@ class HierarchicalQP(Controller):
     The levels, unless ``levels`` gives others: RcmTask; TipTask; RollTask; ObjectiveTask. Any
     order is one expression:
 
-        HierarchicalQP(insertion, T, levels=[RcmTask(), TipTask(d) + RollTask(weight=0.01)])
+        levels = [RcmTask(period=T), TipTask(d) + RollTask(weight=0.01)]
+        HierarchicalQP(insertion, T, levels=levels)
 
     The limits, unless ``limits`` gives others: JointLimits (position, speed, acceleration,
     braking distance counted), TrocarCone, TrocarDepth, KeepOut for each obstacle.
@@ -115,6 +117,11 @@ class HierarchicalQP(Controller):
             limits = default_limits(self.insertion, self.period, self.limit_gain)
         object.__setattr__(self, "_levels", tuple(levels))
         object.__setattr__(self, "_limits", tuple(limits))
+        for kinds, items in (((Task, Together), levels), ((Limit,), limits)):
+            for item in items:
+                if not isinstance(item, kinds):
+                    wanted = " or ".join(kind.__name__ for kind in kinds)
+                    raise OptionError(f"{item!r} is no {wanted}; levels are tasks, limits limits")
         hierarchy = Hierarchy(self.backend)
         program = Program.of(tuple(levels), tuple(limits), self.insertion.arm)
         names = tuple(level.name for level in levels)

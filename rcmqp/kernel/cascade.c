@@ -182,7 +182,8 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
 
 /* One level: move to where |A v - b| is least, and keep A v from now on.
  *
- * Where a bound is in the way and `ask` is set, nothing is done and the answer is BLOCKED. */
+ * Where a bound is in the way, `ask` is set and the proposed active set is not right at once,
+ * nothing is done and the answer is BLOCKED. */
 Route descend(State *state, const double *A, const double *b, int m, int max_rounds,
               const double *proposed, int ask, double *multipliers, int *rounds, Arena *arena)
 {
@@ -207,13 +208,21 @@ Route descend(State *state, const double *A, const double *b, int m, int max_rou
         turn(state, Q, rank, arena);
         goto done;
     }
-    if (ask) {
+    double *guess = take(arena, k), *lam = take(arena, k), *kept = take(arena, (m + k) * n);
+    int guessed = 0;
+    for (int i = 0; i < k; ++i) {
+        guess[i] = proposed[index[i]], lam[i] = 0.0;
+        if (guess[i] != 0.0) guessed = 1;
+    }
+    if (ask && !guessed) {
         route = BLOCKED;
         goto done;
     }
-    double *guess = take(arena, k), *lam = take(arena, k), *kept = take(arena, (m + k) * n);
-    for (int i = 0; i < k; ++i) guess[i] = proposed[index[i]], lam[i] = 0.0;
-    *rounds = solve_level(&problem, max_rounds, guess, y, lam, arena);
+    *rounds = solve_level(&problem, ask ? 1 : max_rounds, guess, y, lam, arena);
+    if (ask && *rounds != 1) {
+        *rounds = 0, route = BLOCKED;
+        goto done;
+    }
     if (*rounds < 0) { /* a guess so bad that it cost digits: start without */
         memset(guess, 0, sizeof(double) * (size_t)k);
         *rounds = solve_level(&problem, max_rounds, guess, y, lam, arena);

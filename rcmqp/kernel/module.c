@@ -6,6 +6,14 @@
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *singularity_product(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *manipulability_measure(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *least_singular_values(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *approach(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 Arena *scratch(size_t count)
 {
@@ -30,6 +38,14 @@ static PyMethodDef methods[] = {
     METHOD(solve, "The lexicographic optimum of stacked levels; see _kernel.pyi."),
     METHOD(step, "The same, with the rows of tasks and limits made here; see _kernel.pyi."),
     METHOD(usable, "Whether a cycle's numbers are finite and x_d is a pose; see _kernel.pyi."),
+    METHOD(law, "The paper's law, equation (6)."),
+    METHOD(singularity_product, "Objective and gradient of SingularityProduct."),
+    METHOD(manipulability_measure, "Objective and gradient of Manipulability."),
+    METHOD(least_singular_values, "Of many Jacobians."),
+    METHOD(from_xyzquat, "Dual quaternion of a placement."),
+    METHOD(carried, "A pose moved in the world's axes."),
+    METHOD(view_pose, "The reference of a view, equation (5)."),
+    METHOD(approach, "One part of the planner's way, equations (9) to (11)."),
     {NULL, NULL, 0, NULL},
 };
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from rcmqp import dualquaternion as dq
 from rcmqp.errors import OptionError
+from rcmqp.instrument import Vector3
 from rcmqp.reference import ViewCommand, view_of_tip
 from rcmqp.smooth import check_ramp, progress
 
@@ -56,7 +54,7 @@ class ConicalHelix:
         """How far the helix has come at ``t`` [s], s in [0, 1], and s' [1/s]."""
         return progress(t, self.duration, self.ramp)
 
-    def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
+    def tip(self, t: float, tip_depth: float) -> tuple[Vector3, Vector3]:
         """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.
 
         Raises:
@@ -72,12 +70,12 @@ class ConicalHelix:
         turn, r = 2.0 * math.pi * n * s, r_0 + (r_1 - r_0) * s
         cos, sin, swing = math.cos(turn), math.sin(turn), 2.0 * math.pi * n * r
         L = math.sqrt(tip_depth**2 - r_0**2)
-        p = np.array([r * cos, r * sin, L + n * self.pitch * s])
-        dp_ds = np.array(
-            [(r_1 - r_0) * cos - swing * sin, (r_1 - r_0) * sin + swing * cos, n * self.pitch]
-        )
-        tilt = dq.rotation([0.0, 1.0, 0.0], -math.asin(r_0 / tip_depth))
-        return dq.rotate(tilt, p), dq.rotate(tilt, s_dot * dp_ds)
+        x, y, z = r * cos, r * sin, L + n * self.pitch * s
+        u, v = (r_1 - r_0) * cos - swing * sin, (r_1 - r_0) * sin + swing * cos  # dp/ds
+        w = n * self.pitch
+        c, d = L / tip_depth, -r_0 / tip_depth  # of the tilt, -asin(r_0 / tip_depth) about y
+        velocity = (s_dot * (c * u + d * w), s_dot * v, s_dot * (c * w - d * u))
+        return (c * x + d * z, y, c * z - d * x), velocity
 
     def command(self, t: float, tip_depth: float) -> ViewCommand:
         """The view whose tip is on the helix at ``t`` [s], without roll."""

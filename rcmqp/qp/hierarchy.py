@@ -24,7 +24,9 @@ _REGULARISATION = 1e-6
 Asked: TypeAlias = dict[int, Status]
 """A backend's verdicts, by level; 1 is the first."""
 
-_DEFAULTS: dict[str, dict[str, Any]] = {"proxqp": {"max_iter": 20, "max_iter_in": 20}}
+_DEFAULTS: dict[str, dict[str, Any]] = {
+    "proxqp": {"eps_abs": 1e-5, "max_iter": 20, "max_iter_in": 20}
+}
 """A proposal need not be perfect, but quick: without these one took 0.5 s."""
 
 
@@ -40,11 +42,12 @@ class Hierarchy:
     Above all levels: the box, which always holds, and the hard rows, exceeded least where they
     cannot all hold. Below all levels: |v - v_rest|, which makes v unique.
 
-    First all levels are tried in closed form. If a bound is in the way, levels go one by one,
-    and where one is blocked the backend solves it as a QP; its active set is only a proposal,
-    whose optimum is computed in closed form and verified, and repaired where it fails. So v does
-    not depend on the backend or its tolerance, only the time does, and neither does it depend on
-    earlier calls beyond rounding. Without a backend, the last cycle's active set is the proposal.
+    First all levels are tried in closed form. If a bound is in the way, levels go one by one;
+    where one is blocked, the active set of the last call is tried, and if it is not right at
+    once, the backend solves the level as a QP. Its active set, too, is only a proposal, whose
+    optimum is computed in closed form and verified, and repaired where it fails. So v does not
+    depend on the backend or its tolerance, only the time does, and neither does it depend on
+    earlier calls beyond rounding.
 
     The KKT residual of each level is computed at the final v from the problem's own numbers:
     stationarity, signs, complementarity, feasibility, each relative to the size of the terms

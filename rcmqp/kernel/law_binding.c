@@ -1,0 +1,196 @@
+/* The paper's law, its objectives, references and planner for Python; see _kernel.pyi. */
+
+#define NO_IMPORT_ARRAY
+#include "arrays.h"
+#include "dualquaternion.h"
+#include "law.h"
+#include "planning.h"
+#include "reference.h"
+#include "rows.h"
+#include "svd.h"
+
+/* A new array (size) of zeros; *numbers are its own. */
+static PyObject *vector(npy_intp size, double **numbers)
+{
+    PyObject *array = PyArray_ZEROS(1, &size, NPY_DOUBLE, 0);
+    if (array != NULL) *numbers = PyArray_DATA((PyArrayObject *)array);
+    return array;
+}
+
+/* Whether there are as many arguments as expected, with a Python error if not. */
+static int counted(const char *name, Py_ssize_t count, Py_ssize_t expected)
+{
+    if (count == expected) return 1;
+    PyErr_Format(PyExc_TypeError, "%s() takes %zd arguments, %zd given", name, expected, count);
+    return 0;
+}
+
+/* Columns of a C-contiguous array (..., 6, n), or -1 with a Python error. */
+static npy_intp joints_of(PyObject *object, int dimensions)
+{
+    if (numbers_of(object, NPY_DOUBLE, -1, "J_local") == NULL) return -1;
+    PyArrayObject *array = (PyArrayObject *)object;
+    if (PyArray_NDIM(array) == dimensions && PyArray_DIM(array, dimensions - 2) == 6)
+        return PyArray_DIM(array, dimensions - 1);
+    PyErr_SetString(PyExc_ValueError, "J_local must have six rows");
+    return -1;
+}
+
+/* law(x, J_local, x_d, x_d_dot, c, J_c, numbers, limits, feed_forward, limited) */
+PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("law", count, 10)) return NULL;
+    const npy_intp n = joints_of(args[1], 2);
+    if (n >= 0 && n < RANK) PyErr_SetString(PyExc_ValueError, "the law needs six joints or more");
+    if (PyErr_Occurred()) return NULL;
+    const Sight sight = {
+        numbers_of(args[0], NPY_DOUBLE, 8, "x"),
+        numbers_of(args[1], NPY_DOUBLE, 6 * n, "J_local"),
+        numbers_of(args[2], NPY_DOUBLE, 8, "x_d"),
+        numbers_of(args[3], NPY_DOUBLE, 8, "x_d_dot"),
+        PyFloat_AsDouble(args[4]),
+        numbers_of(args[5], NPY_DOUBLE, n, "J_c"),
+    };
+    const Law made = {
+        (int)n,
+        numbers_of(args[6], NPY_DOUBLE, LAW_NUMBERS, "numbers"),
+        numbers_of(args[7], NPY_DOUBLE, n, "limits"),
+        PyObject_IsTrue(args[8]),
+        (Limited)PyLong_AsLong(args[9]),
+    };
+    Arena *arena = PyErr_Occurred() ? NULL : scratch(memory_for_law((int)n));
+    double *v = NULL;
+    PyObject *answer = arena == NULL ? NULL : vector(n, &v);
+    if (answer == NULL) return NULL;
+    Found found;
+    follow(&made, &sight, v, &found, arena);
+    return Py_BuildValue("(Nddd)", answer, found.least, found.kept, found.scale);
+}
+
+/* singularity_product(angles, offsets) */
+PyObject *singularity_product(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("singularity_product", count, 2)) return NULL;
+    const double *angles = numbers_of(args[0], NPY_DOUBLE, 7, "angles");
+    const double *offsets = numbers_of(args[1], NPY_DOUBLE, 7, "offsets");
+    double *numbers = NULL;
+    PyObject *gradient = PyErr_Occurred() ? NULL : vector(7, &numbers);
+    if (gradient == NULL) return NULL;
+    const double c = srs_product(angles, offsets, numbers);
+    return Py_BuildValue("(dN)", c, gradient);
+}
+
+/* manipulability_measure(J_local) */
+PyObject *manipulability_measure(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("manipulability_measure", count, 1)) return NULL;
+    const npy_intp n = joints_of(args[0], 2);
+    if (n >= 0 && n < RANK) PyErr_SetString(PyExc_ValueError, "six joints or more are needed");
+    Arena *arena = PyErr_Occurred() ? NULL : scratch((size_t)(12 * n + n * n + 36));
+    double *numbers = NULL;
+    PyObject *gradient = arena == NULL ? NULL : vector(n, &numbers);
+    if (gradient == NULL) return NULL;
+    const double m =
+        manipulability(PyArray_DATA((PyArrayObject *)args[0]), (int)n, numbers, arena);
+    return Py_BuildValue("(dN)", m, gradient);
+}
+
+/* least_singular_values(J) */
+PyObject *least_singular_values(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("least_singular_values", count, 1)) return NULL;
+    const npy_intp n = joints_of(args[0], 3);
+    Arena *arena = n < 0 ? NULL : scratch((size_t)(n * n + 12 * n + 6 * RANK + RANK * RANK));
+    if (arena == NULL) return NULL;
+    const double *J = PyArray_DATA((PyArrayObject *)args[0]);
+    const npy_intp m = PyArray_DIM((PyArrayObject *)args[0], 0);
+    double *numbers = NULL;
+    PyObject *least = vector(m, &numbers);
+    for (npy_intp k = 0; least != NULL && k < m; ++k)
+        numbers[k] = least_singular_value(J + 6 * n * k, 6, (int)n, arena);
+    return least;
+}
+
+/* from_xyzquat(placement) */
+PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("from_xyzquat", count, 1)) return NULL;
+    const double *placement = numbers_of(args[0], NPY_DOUBLE, 7, "placement");
+    double *numbers = NULL;
+    PyObject *x = placement == NULL ? NULL : vector(8, &numbers);
+    if (x != NULL) dq_of_xyzquat(placement, numbers);
+    return x;
+}
+
+/* carried(x, offset) */
+PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("carried", count, 2)) return NULL;
+    const double *x = numbers_of(args[0], NPY_DOUBLE, 8, "x");
+    const double *offset = numbers_of(args[1], NPY_DOUBLE, 3, "offset");
+    if (PyErr_Occurred()) return NULL;
+    if (offset[0] == 0.0 && offset[1] == 0.0 && offset[2] == 0.0) return Py_NewRef(args[0]);
+    double *numbers = NULL;
+    PyObject *moved = vector(8, &numbers);
+    if (moved == NULL) return NULL;
+    memcpy(numbers, x, 8 * sizeof(double));
+    dq_carry(x, offset, 1.0, numbers);
+    return moved;
+}
+
+/* view_pose(x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot) */
+PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("view_pose", count, VIEW_NUMBERS + 2)) return NULL;
+    const double *x_rcm = numbers_of(args[0], NPY_DOUBLE, 8, "x_rcm");
+    const double *pivot_dot = numbers_of(args[VIEW_NUMBERS + 1], NPY_DOUBLE, 3, "pivot_dot");
+    double view[VIEW_NUMBERS], *x_d = NULL, *x_d_dot = NULL, *pivot = NULL;
+    for (int i = 0; i < VIEW_NUMBERS; ++i) view[i] = PyFloat_AsDouble(args[1 + i]);
+    if (PyErr_Occurred()) return NULL;
+    PyObject *made[] = {vector(8, &x_d), vector(8, &x_d_dot), vector(3, &pivot)};
+    if (!PyErr_Occurred()) pose_of_view(x_rcm, view, pivot_dot, x_d, x_d_dot, pivot);
+    return Py_BuildValue("(NNN)", made[0], made[1], made[2]);
+}
+
+/* approach(x_rcm, pivot_0, x, target, left, parts, period, x_wanted, pivot, pivot_dot, far_angle,
+ *          far_depth) */
+PyObject *approach(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("approach", count, 12)) return NULL;
+    const Plan plan = {
+        numbers_of(args[0], NPY_DOUBLE, 8, "x_rcm"),
+        numbers_of(args[1], NPY_DOUBLE, 3, "pivot_0"),
+        (int)PyLong_AsLong(args[5]),
+        PyFloat_AsDouble(args[6]),
+        PyFloat_AsDouble(args[10]),
+        PyFloat_AsDouble(args[11]),
+    };
+    const Wanted wanted = {
+        numbers_of(args[7], NPY_DOUBLE, 8, "x_d"),
+        numbers_of(args[8], NPY_DOUBLE, 3, "pivot"),
+        numbers_of(args[9], NPY_DOUBLE, 3, "pivot_dot"),
+    };
+    const double *x = numbers_of(args[2], NPY_DOUBLE, 8, "x");
+    const double *target = numbers_of(args[3], NPY_DOUBLE, 8, "target");
+    Place place = {.left = (int)PyLong_AsLong(args[4])};
+    if (PyErr_Occurred()) return NULL;
+    double *x_d = NULL, *x_d_dot = NULL;
+    PyObject *made[] = {vector(8, &place.x), vector(8, &place.target), vector(8, &x_d),
+                        vector(8, &x_d_dot)};
+    int moved = 0;
+    if (!PyErr_Occurred()) {
+        memcpy(place.x, x, 8 * sizeof(double));
+        memcpy(place.target, target, 8 * sizeof(double));
+        moved = go_on(&plan, &place, &wanted, x_d, x_d_dot);
+    }
+    return Py_BuildValue("(NNiNNN)", made[0], made[1], place.left, made[2], made[3],
+                         PyBool_FromLong(moved));
+}

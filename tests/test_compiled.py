@@ -1,0 +1,147 @@
+"""What is compiled says what numpy says, at every state."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers import assert_allclose
+
+from rcmqp import ArmState, Insertion, Reference, _kernel, load_scenario
+from rcmqp.controllers import DualQuaternion
+from rcmqp.dualquaternion import Array, from_se3
+from rcmqp.objectives import Manipulability, SingularityProduct
+
+OPTIONS: list[dict[str, Any]] = [
+    {},
+    {"feed_forward": True, "velocity_limit": "scale"},
+    {"damping": 0.05, "velocity_limit": "clip"},
+    {"tolerance": 0.05, "K_c": 3.0, "c_d": 0.4, "objective": "joint_centring"},
+]
+
+
+@functools.cache
+def inserted(arm: str) -> Insertion:
+    return load_scenario("conical_helix", arm).insertion()
+
+
+def some_state(insertion: Insertion, rng: np.random.Generator, k: int) -> ArmState:
+    """Anywhere; every other one with a joint near where elbows and wrists are singular."""
+    arm = insertion.arm
+    angles = arm.random_angles(rng)
+    if k % 2:
+        angles[rng.integers(arm.nv)] = rng.choice([-0.5, 0.0, 0.5]) * np.pi + 10.0 ** rng.uniform(
+            -7.0, -1.0
+        )
+    return insertion.state(arm.configuration(angles))
+
+
+def some_reference(state: ArmState, rng: np.random.Generator) -> Reference:
+    """Up to a metre and a radian away, on either cover, moving."""
+    x_d = rng.choice([-1.0, 1.0]) * from_se3(state.oMe * pin.exp6(rng.normal(scale=0.3, size=6)))
+    return Reference(x_d, rng.normal(size=8), np.zeros(3), np.zeros(3))
+
+
+def off(found: Array, expected: Array) -> float:
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+# The law -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["lwa3", "panda", "ur5", "kinova"])
+def test_the_law_is_that_of_numpy_at_10000_states(arm: str) -> None:
+    """To 1e-10, or, where N's condition is above 1e4, to what rounding makes of it there."""
+    rng, insertion, unconditioned = np.random.default_rng(7), inserted(arm), 0
+    controllers = [DualQuaternion(insertion, 8e-3, **options) for options in OPTIONS]
+    limited = 0
+    for k in range(2500):
+        controller = controllers[k // 2 % len(OPTIONS)]
+        state = some_state(insertion, rng, k)
+        reference = some_reference(state, rng)
+        found, expected = controller.step(state, reference), controller.law(state, reference)
+        sigma_6 = expected.diagnostics["sigma_6_of_N"]
+        condition = float(np.linalg.norm(state.J_local, 2)) / sigma_6
+        assert off(found.v, expected.v) < 1e-14 * max(condition, 1e4)
+        assert found.diagnostics.keys() == {*expected.diagnostics, "safe_stop"}
+        assert found.diagnostics["rank"] == expected.diagnostics["rank"]
+        assert abs(found.diagnostics["sigma_6_of_N"] - sigma_6) < 1e-14
+        assert_allclose(found.diagnostics["scale"], expected.diagnostics["scale"], rtol=1e-8)
+        limited += int(found.diagnostics["scale"] < 1.0)
+        unconditioned += int(condition > 1e4)
+    assert limited > 100
+    assert unconditioned > (0 if arm == "panda" else 20)
+
+
+def test_a_law_takes_arrays_in_any_order() -> None:
+    rng, insertion = np.random.default_rng(7), inserted("panda")
+    controller = DualQuaternion(insertion, 8e-3, feed_forward=True)
+    state = some_state(insertion, rng, 0)
+    reference = some_reference(state, rng)
+    other = ArmState(
+        state.q, state.angles, state.oMe, state.x, np.asfortranarray(state.J_local), state.v
+    )
+    x_d, x_d_dot = np.array([reference.x_d, reference.x_d_dot]).repeat(2, axis=1)[:, ::2]
+    again = Reference(x_d, x_d_dot, reference.pivot, reference.pivot_dot)
+    expected = controller.step(state, reference).v
+    assert state.J_local.flags.c_contiguous
+    assert not x_d.flags.c_contiguous
+    assert np.array_equal(controller.step(other, again).v, expected)
+
+
+# The pose ----------------------------------------------------------------------------------
+
+
+def test_a_states_pose_is_that_of_from_se3_with_w_never_below_zero() -> None:
+    rng, insertion, turned = np.random.default_rng(7), inserted("panda"), 0
+    for k in range(200):
+        state = some_state(insertion, rng, k)
+        assert_allclose(state.x, from_se3(state.oMe), rtol=0, atol=1e-15)
+        turned += int(pin.SE3ToXYZQUAT(state.oMe)[6] < 0.0)
+    assert turned > 10
+
+
+# The objectives ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["lwa3", "panda", "ur5"])
+def test_manipulability_and_its_gradient_are_those_of_numpy(arm: str) -> None:
+    rng, insertion, m = np.random.default_rng(7), inserted(arm), Manipulability()
+    for k in range(500):
+        state = some_state(insertion, rng, k)
+        (found, gradient), (value, expected) = m.evaluate(state), m.formula(state)
+        assert_allclose(found, value, rtol=0, atol=1e-15)
+        assert_allclose(gradient, expected, rtol=0, atol=1e-14 / max(value, 1e-9))
+
+
+def test_singularity_product_and_its_gradient_are_those_of_numpy() -> None:
+    rng, insertion = np.random.default_rng(7), inserted("lwa3")
+    c = SingularityProduct(insertion.arm)
+    for k in range(500):
+        state = some_state(insertion, rng, k)
+        (found, gradient), (value, expected) = c.evaluate(state), c.formula(state)
+        assert_allclose(found, value, rtol=0, atol=1e-15)
+        assert_allclose(gradient, expected, rtol=0, atol=1e-15)
+
+
+def test_manipulability_is_finite_in_a_singularity_of_any_depth() -> None:
+    arm = inserted("lwa3").arm
+    stretched, wrist = [0.0, np.pi / 2, *[0.0] * 5], [0.0, 0.5, 0.0, 1.2, np.pi / 2, 0.0, 0.0]
+    for angles in ([0.0] * 7, stretched, wrist):
+        m, gradient = Manipulability().evaluate(arm.state(angles))
+        assert abs(m) < 1e-15
+        assert np.isfinite(gradient).all()
+
+
+# The record --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [3, 6, 7, 9])
+def test_least_singular_values_are_those_of_lapack(n: int) -> None:
+    rng = np.random.default_rng(7)
+    J = rng.normal(size=(50, 6, n)) * 10.0 ** rng.uniform(-3.0, 0.0, size=(50, 6, 1))
+    found = _kernel.least_singular_values(J)
+    assert_allclose(found, np.linalg.svd(J, compute_uv=False)[:, -1], rtol=1e-9, atol=1e-15)
