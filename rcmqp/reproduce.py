@@ -1,19 +1,23 @@
 """The paper's experiment A, run again: both arms, figures, and a table beside the paper's.
 
-It ends with the paper's law beside hierarchical_qp.
+It ends with the paper's law beside hierarchical_qp, and a report of all runs.
 """
 
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rcmqp import plots
 from rcmqp.controllers import make_controller
 from rcmqp.loading import arm_title
 from rcmqp.metrics import Metrics, compute_metrics
+from rcmqp.report.build import INDEX, NUMBERS, TEXT, write_report
+from rcmqp.report.document import Picture, Section
 from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario
 from rcmqp.simulate import simulate
@@ -79,11 +83,12 @@ def reproduce_a(
     duration: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ExperimentA:
-    """Run experiment A with the paper's controller and write runs, figures and a table.
+    """Run experiment A with the paper's controller and write runs, a table and a report.
 
     The helix runs at T = 8 ms, the period that the paper's Table I implies, and at 1 ms, with
     the paper's K = 60 1/s, K_c = 7 and c_d = 1, and no extension. It ends with the same helix
-    under hierarchical_qp, with the same numbers, at 1 ms.
+    under hierarchical_qp, with the same numbers, at 1 ms. The report holds tables, figures, a
+    viewer for each arm, and how to make it again.
 
     Args:
         out: folder, made if it is not there.
@@ -99,7 +104,7 @@ def reproduce_a(
     rival = [(RIVAL, arm, PERIODS[-1]) for arm in arms]
     files = [folder / _run_name(*case) for case in law + rival]
     files += [folder / f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
-    files.append(folder / "experiment_a.md")
+    files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, INDEX)]
     for file in files:
         check_writable(file)
     found = []
@@ -111,12 +116,23 @@ def reproduce_a(
     table = comparison_table(runs, metrics)
     pairs = [run for pair in zip(runs[-len(arms) :], rivals, strict=True) for run in pair]
     versus = versus_table(pairs)
-    _write_figures(folder, runs[: len(arms)], pairs)
     length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
     (folder / "experiment_a.md").write_text(
         f"# Experiment A\n\n{length}{table}\n## Beside hierarchical_qp\n\n{versus}",
         encoding="utf-8",
     )
+    again = ["rcmqp", "reproduce", "--out", str(out)]
+    again += [] if duration is None else ["--duration", f"{duration:g}"]
+    names = [file.name for file in files[: len(found)]]
+    written = write_report(
+        found,
+        folder,
+        files=names,
+        title="Experiment A",
+        opening=_sections(length + table, runs[: len(arms)], versus, pairs),
+        command=shlex.join(again),
+    )
+    files = [folder / name for name in (*names, "experiment_a.md")] + written
     return ExperimentA(runs, metrics, length + table, rivals, versus, files)
 
 
@@ -187,14 +203,38 @@ def _run_name(controller: str, arm: str, period: float) -> str:
     return f"{arm}_{1e3 * period:g}ms{suffix}.h5"
 
 
-def _write_figures(folder: Path, runs: Sequence[Run], pairs: Sequence[Run]) -> None:
-    """The paper's two, and the errors of both controllers over the same axes."""
-    from rcmqp import plots  # matplotlib takes long to import
-
-    figures = (
-        plots.trajectory_figure(runs),
-        plots.error_figure(runs),
-        plots.error_figure(pairs, logarithmic=True),
+def _sections(
+    table: str, runs: Sequence[Run], versus: str, pairs: Sequence[Run]
+) -> tuple[Section, Section]:
+    """What the report opens with: beside the paper, and beside hierarchical_qp."""
+    trajectories, errors, both = FIGURES
+    return (
+        Section(
+            "Beside the paper",
+            table,
+            pictures=(
+                Picture(
+                    trajectories,
+                    "As the paper's Fig. 2: the arm at the start, and the tip's path from the "
+                    "trocar",
+                    plots.trajectory_figure(runs),
+                ),
+                Picture(
+                    errors,
+                    "As the paper's Fig. 3: tip and RCM error over time",
+                    plots.error_figure(runs),
+                ),
+            ),
+        ),
+        Section(
+            f"Beside {RIVAL}",
+            versus,
+            pictures=(
+                Picture(
+                    both,
+                    "Errors of both controllers over time, on a logarithmic scale",
+                    plots.error_figure(pairs, logarithmic=True),
+                ),
+            ),
+        ),
     )
-    for name, figure in zip(FIGURES, figures, strict=True):
-        plots.save_figure(figure, folder / name)

@@ -44,6 +44,9 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
         .read_text()
         .endswith(f"{found.table}\n## Beside hierarchical_qp\n\n{found.versus}")
     )
+    page = (tmp_path / "new" / "index.html").read_text()
+    assert page.count("<iframe") == 2
+    assert f"rcmqp reproduce --out {tmp_path / 'new'} --duration 0.05" in page
     assert Run.load(tmp_path / "new" / "meka_a2_8ms.h5") == found.runs[1]
     assert Run.load(tmp_path / "new" / "lwa3_1ms_hierarchical_qp.h5") == found.rivals[0]
     heads, _, *rows = [

@@ -18,6 +18,7 @@ from rcmqp.errors import RcmqpError, RunFileError, ViewError
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
 from rcmqp.run import Run, check_writable
+from rcmqp.scenario import Scenario
 from rcmqp.viewer.bundle import Bundle, compressed
 from rcmqp.viewer.table import metrics_table, versions_text
 from rcmqp.viewer.timeline import curves, frames
@@ -44,18 +45,18 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
     insertion = check_runs(runs)
     title = f"{runs[0].scenario.name} on {arm_title(runs[0].scenario.arm)}"
     labels = run_labels(runs)
-    return Template(_asset("page.html")).substitute(
+    return Template(asset("page.html")).substitute(
         title=html.escape(title),
         subtitle=html.escape(", ".join(dict.fromkeys(run.controller for run in runs))),
         theme="dark" if dark else "light",
-        style=_asset("page.css"),
+        style=asset("look.css") + asset("page.css"),
         table=metrics_table(runs, labels, COLOURS),
         versions=html.escape(versions_text(runs)),
         version=html.escape(rcmqp.__version__),
         meshcat=_library("meshcat", "viewer/dist/main.min.js"),
         plotly=_library("plotly", "package_data/plotly.min.js"),
         data=_data(runs, labels, insertion),
-        script="\n".join(_asset(f"{name}.js") for name in SCRIPTS),
+        script="\n".join(asset(f"{name}.js") for name in SCRIPTS),
     )
 
 
@@ -85,14 +86,13 @@ def check_runs(runs: Sequence[Run]) -> Insertion:
         raise ViewError("no run to show; give at least one")
     first = runs[0].scenario
     for run in runs[1:]:
-        for field in dataclasses.fields(first):
-            here, there = getattr(first, field.name), getattr(run.scenario, field.name)
-            if field.name not in MAY_DIFFER and here != there:
-                raise ViewError(
-                    f"{run.title} cannot be laid over {runs[0].title}: {field.name} is {there!r} "
-                    f"there and {here!r} here; only {' and '.join(MAY_DIFFER)} may differ. Show "
-                    "runs of other scenarios in pages of their own"
-                )
+        for name in differences(first, run.scenario):
+            here, there = getattr(first, name), getattr(run.scenario, name)
+            raise ViewError(
+                f"{run.title} cannot be laid over {runs[0].title}: {name} is {there!r} "
+                f"there and {here!r} here; only {' and '.join(MAY_DIFFER)} may differ. Show "
+                "runs of other scenarios in pages of their own"
+            )
     for run in runs:
         try:
             insertion = run.insertion()
@@ -102,6 +102,25 @@ def check_runs(runs: Sequence[Run]) -> Insertion:
                 f"it was made with, or not on this machine: {error}"
             ) from error
     return insertion
+
+
+def differences(first: Scenario, other: Scenario) -> list[str]:
+    """Fields that keep runs of two scenarios from being laid over each other."""
+    names = [field.name for field in dataclasses.fields(first) if field.name not in MAY_DIFFER]
+    return [name for name in names if getattr(first, name) != getattr(other, name)]
+
+
+def grouped(runs: Sequence[Run]) -> list[list[Run]]:
+    """Runs that can be laid over each other, together; in the order of the first of each."""
+    groups: list[list[Run]] = []
+    for run in runs:
+        for group in groups:
+            if not differences(group[0].scenario, run.scenario):
+                group.append(run)
+                break
+        else:
+            groups.append([run])
+    return groups
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:
@@ -163,5 +182,6 @@ def _library(package: str, inside: str) -> str:
     return compressed((Path(spec.origin).parent / inside).read_bytes())
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """Text of a file out of viewer/assets."""
     return (importlib.resources.files("rcmqp.viewer") / "assets" / name).read_text("utf-8")

@@ -1,0 +1,40 @@
+"""The command line's report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rcmqp.console import out
+from rcmqp.run import Run
+from rcmqp.viewer.cli import Files
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command()(report)
+
+
+def report(
+    files: Files,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
+        "report"
+    ),
+) -> None:
+    """Put runs into one report: tables, figures, viewers, and how to make it all again.
+
+    For example,
+
+      rcmqp report paper.h5 qp.h5 --out study
+
+    The folder gets index.html, which works offline and from any place the folder is copied to;
+    the same as Markdown and CSV; figures as PNG and PDF; and for each scenario and arm a page to
+    play its runs in and the scenario itself.
+    """
+    from rcmqp.report.build import write_report  # matplotlib takes long to import
+
+    runs = [Run.load(file) for file in files]
+    for path in write_report(runs, folder, files=[file.name for file in files]):
+        out.print(f"wrote {path}", highlight=False, soft_wrap=True)

@@ -1,0 +1,100 @@
+"""A report's text: Markdown, and the same as a web page."""
+
+from __future__ import annotations
+
+import html
+import importlib.resources
+from collections.abc import Sequence
+from dataclasses import dataclass
+from string import Template
+
+from markdown_it import MarkdownIt
+from matplotlib.figure import Figure
+
+import rcmqp
+from rcmqp.viewer.build import asset
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure, the stem of its files, and what it shows."""
+
+    stem: str
+    caption: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report.
+
+    Attributes:
+        title: its heading.
+        text: Markdown under it, such as a table.
+        viewer: name of a viewer's file; none without it.
+        pictures: come last.
+    """
+
+    title: str
+    text: str = ""
+    viewer: str = ""
+    pictures: Sequence[Picture] = ()
+
+
+def as_markdown(title: str, sections: Sequence[Section]) -> str:
+    """The whole report; a viewer is a link."""
+    texts = [
+        _head(section) + "".join(_picture(each) for each in section.pictures)
+        for section in sections
+    ]
+    return f"# {title}\n\n{''.join(texts)}{_made_by()}\n"
+
+
+def as_html(title: str, sections: Sequence[Section]) -> str:
+    """The whole report as a page, which finds pictures and viewers beside it."""
+    return Template(_asset("index.html")).substitute(
+        title=html.escape(title),
+        style=asset("look.css") + _asset("report.css"),
+        body="\n".join(_block(section) for section in sections),
+        made_by=html.escape(_made_by()),
+        version=html.escape(rcmqp.__version__),
+    )
+
+
+def _block(section: Section) -> str:
+    frame = pictures = ""
+    if section.viewer:
+        frame = (
+            f'<iframe src="{html.escape(section.viewer)}" loading="lazy" '
+            f'title="{html.escape(section.title)}"></iframe>\n'
+        )
+    if section.pictures:
+        shown = "".join(f"<div>{_render(_picture(each))}</div>\n" for each in section.pictures)
+        pictures = f'<div class="pictures">\n{shown}</div>\n'
+    return f"<section>\n{_render(_head(section))}{frame}{pictures}</section>"
+
+
+def _head(section: Section) -> str:
+    text = f"## {section.title}\n\n"
+    if section.text:
+        text += f"{section.text.strip()}\n\n"
+    if section.viewer:
+        text += f"[Play it in a page of its own]({section.viewer})\n\n"
+    return text
+
+
+def _picture(picture: Picture) -> str:
+    stem, caption = picture.stem, picture.caption
+    return f"![{caption}]({stem}.png)\n\n{caption} ([PDF]({stem}.pdf))\n\n"
+
+
+def _render(text: str) -> str:
+    return str(MarkdownIt("commonmark", {"html": False}).enable("table").render(text))
+
+
+def _made_by() -> str:
+    return f"Made by rcmqp {rcmqp.__version__}."
+
+
+def _asset(name: str) -> str:
+    return (importlib.resources.files("rcmqp.report") / "assets" / name).read_text("utf-8")

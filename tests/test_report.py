@@ -1,0 +1,150 @@
+"""The report: its folder, its tables, the way back to its runs, and its page in Chromium."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rcmqp import Run, load_scenario, make_controller, simulate
+from rcmqp.cli import main
+from rcmqp.errors import RunFileError, ViewError
+from rcmqp.metrics import compute_metrics
+from rcmqp.report.build import write_report
+from rcmqp.viewer.browser import PATIENCE, browser
+
+FILES = ("paper.h5", "qp.h5", "slow.h5", "other.h5")
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    """Three that go together, with an option and a period of their own, and one on another arm."""
+    cases: tuple[tuple[str, str, float, dict[str, Any]], ...] = (
+        ("lwa3", "dual_quaternion", 0.01, {"feed_forward": True, "gain": 12.5}),
+        ("lwa3", "hierarchical_qp", 0.01, {}),
+        ("lwa3", "dual_quaternion", 0.02, {"objective": ""}),
+        ("meka_a2", "dual_quaternion", 0.01, {}),
+    )
+    found = []
+    for arm, name, period, options in cases:
+        scenario = load_scenario("conical_helix", arm, period=period, duration=0.3, seed=5)
+        controller = make_controller(name, scenario.insertion(), period, **options)
+        found.append(simulate(scenario, controller))
+    return found
+
+
+@pytest.fixture(scope="module")
+def folder(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("report") / "study"
+    written = write_report(runs, out, files=FILES)
+    assert sorted(written) == sorted(out.iterdir())
+    return out
+
+
+def test_tables_are_there_as_page_markdown_and_csv(folder: Path, runs: list[Run]) -> None:
+    rows = list(csv.DictReader((folder / "report.csv").read_text().splitlines()))
+    assert [row["digest"] for row in rows] == [run.digest for run in runs]
+    assert len({row["controller"] for row in rows[:3]}) == 3
+    for row, run in zip(rows, runs, strict=True):
+        assert float(row["tip_rms_mm"]) == compute_metrics(run).tip_rms_mm
+        shown = f"{compute_metrics(run).tip_rms_mm:.4g}"
+        assert f"| {shown} |" in (folder / "report.md").read_text()
+        assert f">{shown}</td>" in (folder / "index.html").read_text()
+
+
+def test_every_file_that_the_page_names_is_there_and_no_other_address(folder: Path) -> None:
+    text = (folder / "index.html").read_text()
+    named = set(re.findall(r'(?:src|href)="([^"]*)"', text)) - {"data:,"}
+    assert all((folder / name).stat().st_size > 0 for name in named)
+    assert {name.rpartition(".")[2] for name in named} == {"png", "pdf", "html", "csv"}
+    assert text.count("<iframe") == 2
+
+
+def test_each_command_makes_its_run_again_to_the_bit(
+    folder: Path, runs: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = (folder / "report.md").read_text().splitlines()
+    commands = [shlex.split(line) for line in lines if line.startswith("rcmqp run ")]
+    assert [command[-1] for command in commands] == list(FILES)
+    monkeypatch.chdir(folder)
+    for command, run in zip(commands, runs, strict=True):
+        with pytest.raises(SystemExit):
+            main([*command[1:-1], str(tmp_path / command[-1])])
+        assert Run.load(tmp_path / command[-1]).digest == run.digest
+
+
+def test_a_run_that_no_command_makes_is_said_to_be_one(runs: list[Run], tmp_path: Path) -> None:
+    strange = dataclasses.replace(runs[0], controller="mine")
+    write_report([strange], tmp_path, files=["a.h5"])
+    assert "# a.h5: its controller 'mine' is not one" in (tmp_path / "report.md").read_text()
+
+
+def test_what_goes_wrong_leaves_the_folder_as_it_was(
+    runs: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(ViewError, match="at least one"):
+        write_report([], tmp_path, files=[])
+    stranger = dataclasses.replace(runs[3], urdf_sha256="0")
+    with pytest.raises(ViewError, match="make the run again"):
+        write_report([runs[0], stranger], tmp_path, files=FILES[:2])
+    (tmp_path / "index.html").mkdir()
+    with pytest.raises(RunFileError, match="is a folder"):
+        write_report(runs[:1], tmp_path, files=FILES[:1])
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+
+
+@pytest.mark.parametrize(
+    ("content", "out", "message"),
+    [(b"\x89HDF\r\n\x1a\nrest", "new", "damaged"), (None, "taken", "cannot be made")],
+)
+def test_the_command_refuses_what_it_cannot_read_or_write(
+    runs: list[Run],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    content: bytes | None,
+    out: str,
+    message: str,
+) -> None:
+    file = tmp_path / "run.h5"
+    runs[0].save(file)
+    if content is not None:
+        file.write_bytes(content)
+    (tmp_path / "taken").touch()
+    with pytest.raises(SystemExit) as stop:
+        main(["report", str(file), "--out", str(tmp_path / out)])
+    assert stop.value.code == 1
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_page_opens_offline_and_plays_its_runs(folder: Path) -> None:
+    requests: list[str] = []
+    said: list[str] = []
+    with browser() as chromium:
+        page = chromium.new_page(viewport={"width": 700, "height": 400}, offline=True)
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: said.append(f"error: {error}"))
+        page.goto((folder / "index.html").as_uri())
+        frame = page.query_selector("iframe")
+        assert frame is not None
+        frame.scroll_into_view_if_needed()
+        viewer = frame.content_frame()
+        assert viewer is not None
+        viewer.wait_for_selector("html[data-ready]", state="attached", timeout=1e3 * PATIENCE)
+        assert viewer.locator("#viewer canvas").count() == 1
+        assert viewer.locator("#legend tbody tr").count() == 3
+        wide = []
+        for width in (1280, 390):
+            page.set_viewport_size({"width": width, "height": 844})
+            wide.append(page.evaluate("document.documentElement.scrollWidth"))
+        broken = page.evaluate("[...document.images].filter(x => !x.naturalWidth).length")
+    assert broken == 0
+    assert wide == [1280, 390]
+    assert all(url.startswith(folder.as_uri()) for url in requests)
+    assert [line for line in said if line.startswith(("error", "warning"))] == []
