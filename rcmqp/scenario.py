@@ -9,7 +9,8 @@ import inspect
 import json
 import math
 import pkgutil
-from collections.abc import Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from types import ModuleType
@@ -18,12 +19,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InsertionError, OptionError, RcmqpError, UnknownName
 from rcmqp.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.instrument import Camera, Instrument, Trocar
 from rcmqp.loading import arm_names, load_arm
 from rcmqp.motions import MOTIONS, Motion, Still
+from rcmqp.operators import STEERED, Steered
 from rcmqp.paths import PATHS, Path
 from rcmqp.planner import Planner
 from rcmqp.plants import PLANTS, Kinematic, Plant
@@ -50,8 +53,9 @@ class Scenario:
         angles_start: (nv,) joint angles at the start [rad].
         instrument: the endoscope.
         trocar: the incision.
-        path: the views asked for.
-        duration: how long to simulate [s]; past its own end, the path stays where it is.
+        path: the views asked for; a steered one depends on what the camera shows.
+        duration: how long to simulate [s]; past its own end, the path stays where it is, and a
+            steered one may end the run before.
         period: sampling period T [s].
         flange: with a URDF, the frame that carries the instrument.
         planner_time: how long the path planner takes from one view to a far one [s], in equal
@@ -71,7 +75,7 @@ class Scenario:
     angles_start: tuple[float, ...]
     instrument: Instrument
     trocar: Trocar
-    path: Path
+    path: Path | Steered
     duration: float
     period: float = 1e-3
     flange: str | None = None
@@ -94,7 +98,7 @@ class Scenario:
                 raise OptionError(f"{name} = {value} s, it must be positive")
         if not 0.0 <= self.shaft_tolerance < math.inf:
             raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
-        if type(self.path) not in PATHS.values():
+        if type(self.path) not in _KINDS["path"].values():
             raise OptionError(
                 f"path = {self.path!r} is of no registered kind; add its class to "
                 "rcmqp.paths.PATHS"
@@ -131,7 +135,7 @@ class Scenario:
         cls,
         name: str,
         arm: str,
-        path: Path,
+        path: Path | Steered,
         *,
         flange: str | None = None,
         angles_start: ArrayLike | None = None,
@@ -163,7 +167,7 @@ class Scenario:
         return round(self.duration / self.period) + 1
 
     @classmethod
-    def of(cls, name: str, insertion: Insertion, path: Path, **fields: Any) -> Self:
+    def of(cls, name: str, insertion: Insertion, path: Path | Steered, **fields: Any) -> Self:
         """The scenario of a path on an insertion that is at hand, for the path's duration.
 
         Args:
@@ -211,28 +215,45 @@ class Scenario:
         offsets = [self.motion.position(k * self.period) for k in cycles]
         return np.array(self.trocar.pivot) + np.array(offsets)
 
-    def references(self, insertion: Insertion) -> Iterator[Reference]:
+    def references(self, insertion: Insertion) -> Generator[Reference, ArmState | None]:
         """What the controller is told, one sampling instant after the other.
 
         The view asked for, carried along by the trocar, through the path planner; and of the
-        trocar's velocity what ``pivot_velocity`` says.
+        trocar's velocity what ``pivot_velocity`` says. A steered path needs to see what came of
+        the last reference: send() the state that was measured then. To who does not, the arm
+        seems to be where it was asked to be.
 
         Raises:
             InsertionError: a view is deeper than the shaft is long.
         """
         planner, T = self.planner(insertion.x_rcm), self.period
+        ask, x = self._asking(insertion), insertion.x_rcm
         before = self.motion.position(0.0)
         for k in range(self.cycles):
-            offset, pivot_dot = self.motion.position(k * T), np.zeros(3)
+            t, offset = k * T, self.motion.position(k * T)
             if self.pivot_velocity == "measured":
-                pivot_dot = self.motion.velocity(k * T)
+                pivot_dot = self.motion.velocity(t)
             elif self.pivot_velocity == "estimated":
                 pivot_dot = (offset - before) / T
+            else:
+                pivot_dot = np.zeros(3)
             before = offset
-            command = self.path.command(k * T, insertion.tip_depth)
-            _check_reach(insertion, command, k * T)
+            command = ask(t, x)
+            if command is None:
+                return
+            _check_reach(insertion, command, t)
             reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
-            yield reference if planner is None else planner.step(reference)
+            if planner is not None:
+                reference = planner.step(reference)
+            state = yield reference
+            x = reference.x_d if state is None else state.x
+
+    def _asking(self, insertion: Insertion) -> Callable[[float, Array], ViewCommand | None]:
+        """The view asked for at a time [s], the effector's last pose being (8,)."""
+        path = self.path
+        if isinstance(path, Steered):
+            return path.start(insertion, self.period, self.seed).command
+        return lambda t, x: path.command(t, insertion.tip_depth)
 
     def to_json(self) -> str:
         """The scenario as JSON; from_json() makes an equal one of it."""
@@ -271,7 +292,11 @@ class Scenario:
             ) from error
 
 
-_KINDS: dict[str, Mapping[str, type]] = {"path": PATHS, "motion": MOTIONS, "plant": PLANTS}
+_KINDS: dict[str, Mapping[str, type]] = {
+    "path": ChainMap(PATHS, STEERED),
+    "motion": MOTIONS,
+    "plant": PLANTS,
+}
 """Fields of a scenario that are one of several kinds, and those kinds."""
 
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 import numpy as np
 
+from rcmqp.arm import ArmState
 from rcmqp.controllers.base import SAFE_STOP, Command, Controller
+from rcmqp.controllers.checks import is_finite
 from rcmqp.derived import Derived
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.reference import Reference
 from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 
@@ -26,11 +29,11 @@ def simulate(
 ) -> Run:
     """Run a controller on the scenario's plant, its trocar moving as the scenario says.
 
-    The controller sees what the plant measures; the record has the truth beside it, and every
-    error in it is the true one. A state's velocity is the last command, not the measured one: it
-    is commands that limits on the acceleration are for, and a measured velocity lags behind.
-    Where the controller answers with its safe stop, the run goes on, and the record says when
-    and why.
+    The controller sees what the plant measures, and so does a steered path, which may end the
+    run before its time; the record has the truth beside it, and every error in it is the true
+    one. A state's velocity is the last command, not the measured one: it is commands that limits
+    on the acceleration are for, and a measured velocity lags behind. Where the controller answers
+    with its safe stop, the run goes on, and the record says when and why.
 
     Args:
         scenario: what to do.
@@ -43,7 +46,7 @@ def simulate(
     """
     insertion, T, n = controller.insertion, scenario.period, scenario.cycles
     _check_made_for(scenario, controller)
-    arm = insertion.arm
+    arm, nv = insertion.arm, insertion.arm.nv
     q, q_measured = np.empty((2, n, arm.nq))
     angles, v, v_actual, v_measured = np.empty((4, n, arm.nv))
     x, x_d = np.empty((2, n, 8))
@@ -54,7 +57,12 @@ def simulate(
     controller.reset()
     drive = scenario.plant.start(arm, insertion.q_start, T, scenario.seed)
     command = drive.v
-    for k, reference in enumerate(scenario.references(insertion)):
+    source, seen = scenario.references(insertion), None
+    for k in range(n):
+        reference = _next(source, seen)
+        if reference is None:
+            n = k
+            break
         q_seen, v_seen = drive.measure()
         state = seen = arm.state(q_seen, command)
         if q_seen is not drive.q:
@@ -63,7 +71,7 @@ def simulate(
         start = time.perf_counter()
         answer = controller.step(seen, reference)
         solve_time[k] = time.perf_counter() - start
-        _check_answer(answer, controller.name, arm.nv, k * T)
+        _check_answer(answer, controller.name, nv, k * T)
         drive.step(answer.v)
         command = answer.v
 
@@ -79,7 +87,10 @@ def simulate(
         if progress is not None and (k % 100 == 99 or k == n - 1):
             progress(k % 100 + 1)
 
-    derived = Derived(scenario, insertion).of({"x": x, "x_d": x_d, "J": J})
+    q, q_measured, v, v_actual, v_measured = (
+        array[:n] for array in (q, q_measured, v, v_actual, v_measured)
+    )
+    derived = Derived(scenario, insertion).of({"x": x[:n], "x_d": x_d[:n], "J": J[:n]})
     return Run(
         scenario=scenario,
         controller=controller.name,
@@ -92,17 +103,27 @@ def simulate(
         acceleration_limit=arm.acceleration,
         q=q,
         q_measured=q_measured,
-        angles=angles,
+        angles=angles[:n],
         v=v,
         v_actual=v_actual,
         v_measured=v_measured,
         **derived,
-        solve_time=solve_time,
-        diagnostics=diagnostics,
+        solve_time=solve_time[:n],
+        diagnostics={name: values[:n] for name, values in diagnostics.items()},
         about_diagnostics={**SAFE_STOP, **controller.diagnostics},
         stops=stops,
         urdf_sha256=arm.sha256,
     )
+
+
+def _next(
+    source: Generator[Reference, ArmState | None], seen: ArmState | None
+) -> Reference | None:
+    """The next reference, given what was measured at the last one; None at the end."""
+    try:
+        return source.send(seen)
+    except StopIteration:
+        return None
 
 
 def versions() -> dict[str, str]:
@@ -113,7 +134,7 @@ def versions() -> dict[str, str]:
 
 def _check_answer(answer: Command, name: str, nv: int, t: float) -> None:
     v = np.asarray(getattr(answer, "v", None))
-    if v.shape != (nv,) or v.dtype.kind != "f" or not np.isfinite(v).all():
+    if v.shape != (nv,) or v.dtype.kind != "f" or not is_finite(v):
         raise InvalidCommand(
             f"controller {name!r} answered {answer} at t = {t:.6g} s; it must be a Command with "
             f"{nv} finite joint velocities"

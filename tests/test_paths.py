@@ -12,9 +12,19 @@ from scipy.integrate import quad
 
 from rcmqp import ViewCommand, view_pose
 from rcmqp import dualquaternion as dq
+from rcmqp.devices import HandMapping
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.paths import PATHS, Circle, ConicalHelix, Lissajous, Path, ViewMoves, ViewSteps
+from rcmqp.paths import (
+    PATHS,
+    Circle,
+    ConicalHelix,
+    HandTrace,
+    Lissajous,
+    Path,
+    ViewMoves,
+    ViewSteps,
+)
 
 TIP_DEPTH = 0.1
 STEPS = ViewSteps(views=((0.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.3, 0.04)), dwell=0.5)
@@ -22,6 +32,12 @@ MOVES = ViewMoves(views=((0.1, -0.2, 0.3, 0.04), (-0.1, 0.0, 0.0, 0.0)), move=0.
 SAMPLES: dict[str, Path] = {  # one of each path that is registered
     "circle": Circle(duration=3.0, ramp=0.9, turns=1.3),
     "conical_helix": ConicalHelix(duration=4.0, ramp=0.7),
+    "hand_trace": HandTrace(
+        (0.0, 1.0, 1.5, 2.5, 4.0),
+        ((0, 0, 0), (0.02, -0.01, 0.01), (0.01, 0.01, 0.02), (0.0, 0.02, 0.04), (0.02, 0.0, 0.03)),
+        (True, True, False, True, True),
+        HandMapping(scale=1.5),
+    ),
     "lissajous": Lissajous(size=(0.03, -0.02, 0.01), duration=4.0, ramp=1.1),
     "view_moves": MOVES,
     "view_steps": STEPS,

@@ -15,11 +15,22 @@ import pytest
 from helpers import assert_allclose, shaft_distance
 
 from rcmqp import RcmqpError, Scenario, arm_names, load_arm, load_scenario, scenario_names
+from rcmqp.camera_task import CameraTask
+from rcmqp.devices import HandMapping, Omega7
 from rcmqp.dualquaternion import P, quaternion_mul, to_se3
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.instrument import Vector3
 from rcmqp.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
-from rcmqp.paths import PATHS, Circle, ConicalHelix, Lissajous, ViewMoves, ViewSteps
+from rcmqp.operators import STEERED, CameraTrial, Operator, Steered
+from rcmqp.paths import (
+    PATHS,
+    Circle,
+    ConicalHelix,
+    HandTrace,
+    Lissajous,
+    ViewMoves,
+    ViewSteps,
+)
 from rcmqp.paths import Path as ViewPath
 from rcmqp.plants import PLANTS, Kinematic, Plant, Servo
 from rcmqp.scene import Sphere
@@ -75,7 +86,8 @@ def test_a_scenario_starts_with_the_shaft_in_the_trocar(name: str, arm: str) -> 
     insertion = scenario.insertion()
     offset = 5e-3 if name == "trocar_off_shaft" else 0.0
     assert abs(insertion.trocar_offset - offset) < 1e-12
-    assert abs(insertion.tip_depth - 0.1) < 1e-12
+    depth = 0.08 if name == "camera_task" else 0.1
+    assert abs(insertion.tip_depth - depth) < 1e-12
     load_arm(arm).check_limits(scenario.angles_start)
 
 
@@ -97,9 +109,11 @@ def test_ints_and_lists_become_plain_floats_and_tuples(helix: Scenario) -> None:
 
 
 VIEWS = ((0.1, 0.2, 0.3, 0.04),)
-KINDS: list[ViewPath | Motion | Plant] = [  # one of each, no number as it is by default
+KINDS: list[ViewPath | Steered | Motion | Plant] = [  # one of each, no number as it is by default
     Circle(radius=0.02),
     ConicalHelix(turns=2.0),
+    HandTrace((0.0, 1.0), ((0.0, 0.0, 0.0), (0.01, 0.0, 0.0)), (True, False), HandMapping(0.5)),
+    CameraTrial(Operator("novice"), CameraTask(side=0.04), Omega7(0.06), HandMapping(2.0), 9.0),
     Lissajous(size=(0.01, 0.02, 0.0)),
     ViewMoves(VIEWS, dwell=0.0),
     ViewSteps(VIEWS),
@@ -114,9 +128,9 @@ KINDS: list[ViewPath | Motion | Plant] = [  # one of each, no number as it is by
 
 @pytest.mark.parametrize("thing", KINDS, ids=lambda thing: type(thing).__name__)
 def test_every_kind_of_path_motion_and_plant_survives_json(
-    helix: Scenario, thing: ViewPath | Motion | Plant
+    helix: Scenario, thing: ViewPath | Steered | Motion | Plant
 ) -> None:
-    field = "path" if type(thing) in PATHS.values() else "motion"
+    field = "path" if type(thing) in {*PATHS.values(), *STEERED.values()} else "motion"
     field = "plant" if type(thing) in PLANTS.values() else field
     scenario = dataclasses.replace(helix, **{field: thing})  # type: ignore[arg-type]
     again = Scenario.from_json(scenario.to_json())
@@ -126,7 +140,12 @@ def test_every_kind_of_path_motion_and_plant_survives_json(
 
 
 def test_every_kind_is_in_the_test_above() -> None:
-    registered = {*PATHS.values(), *MOTIONS.values(), *PLANTS.values()}
+    registered = {
+        *PATHS.values(),
+        *STEERED.values(),
+        *MOTIONS.values(),
+        *PLANTS.values(),
+    }
     assert {type(thing) for thing in KINDS} == registered
 
 

@@ -39,6 +39,7 @@ from rcmqp.dualquaternion import Array, to_se3
 from rcmqp.errors import InsertionError, InvalidCommand, OptionError
 from rcmqp.motions import Breathing, Still
 from rcmqp.paths import ConicalHelix
+from rcmqp.paths import Path as ViewPath
 from rcmqp.plants import Servo
 from rcmqp.scene import Sphere
 
@@ -144,18 +145,20 @@ def test_each_row_follows_from_the_one_before(arm: str) -> None:
 
 def test_the_reference_is_the_scenarios_path_at_the_recorded_time() -> None:
     run = helix("lwa3")
-    insertion = run.scenario.insertion()
+    insertion, path = run.scenario.insertion(), run.scenario.path
+    assert isinstance(path, ViewPath)
     for k in (0, 100, 500):
-        command = run.scenario.path.command(k * PERIOD, insertion.tip_depth)
+        command = path.command(k * PERIOD, insertion.tip_depth)
         assert np.array_equal(run.x_d[k], view_pose(insertion.x_rcm, command).x_d)
 
 
 def test_the_velocity_is_the_controllers_answer_and_its_diagnostics_are_kept() -> None:
     run = helix("lwa3")
-    insertion = run.scenario.insertion()
+    insertion, path = run.scenario.insertion(), run.scenario.path
+    assert isinstance(path, ViewPath)
     controller = make_controller("dual_quaternion", insertion, PERIOD)
     k = 250
-    command = run.scenario.path.command(k * PERIOD, insertion.tip_depth)
+    command = path.command(k * PERIOD, insertion.tip_depth)
     answer = controller.step(insertion.state(run.q[k]), view_pose(insertion.x_rcm, command))
     assert np.array_equal(run.v[k], answer.v)
     assert {name: values[k] for name, values in run.diagnostics.items()} == answer.diagnostics
@@ -214,6 +217,22 @@ def test_two_processes_give_the_same_digest() -> None:
     ]
     here = ran(load_scenario("conical_helix", "panda", duration=0.5)).digest
     assert [process.stdout.strip() for process in digests] == [here, here]
+
+
+def test_a_number_that_a_controller_gives_now_and_then_is_nan_in_between() -> None:
+    class Seldom(DualQuaternion):
+        def step(self, state: ArmState, reference: Reference) -> Command:
+            k = len(steps)
+            steps.append(k)
+            return Command(
+                super().step(state, reference).v, {"k": float(k)} if k in (1, 2) else {}
+            )
+
+    steps: list[int] = []
+    scenario = load_scenario("conical_helix", duration=0.006)
+    run = simulate(scenario, Seldom(scenario.insertion(), scenario.period))
+    nan = np.nan
+    assert_allclose(run.diagnostics["k"], [nan, 1.0, 2.0, nan, nan, nan, nan])
 
 
 # A trocar that moves, joints that do not obey -----------------------------------------------
@@ -310,6 +329,7 @@ def test_the_planned_reference_never_leaves_the_trocar_and_arrives() -> None:
     distances = [shaft_distance(to_se3(x_d), pivot) for x_d in run.x_d]
     assert max(distances) < 1e-14
     insertion, path = run.scenario.insertion(), run.scenario.path
+    assert isinstance(path, ViewPath)
     last_view = view_pose(insertion.x_rcm, path.command(path.duration, insertion.tip_depth))
     assert_allclose(run.tip_d[-1], insertion.tip(last_view.x_d), rtol=0, atol=1e-14)
     assert run.tip_error[-1] < 1e-6

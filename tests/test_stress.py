@@ -103,7 +103,8 @@ def test_every_scenario_runs_under_every_controller(name: str, controller: str) 
 def test_a_stress_scenario_takes_ten_seconds_at_the_most_in_periods_of_1_ms(name: str) -> None:
     chosen = scenario(name, "lwa3")
     assert chosen.period == 1e-3
-    assert chosen.duration <= (20.0 if name in ("conical_helix", "helix") else 10.0)
+    longer = {"conical_helix": 20.0, "helix": 20.0, "camera_task": 600.0}  # or until it is done
+    assert chosen.duration <= longer.get(name, 10.0)
     assert chosen.duration >= chosen.path.duration
 
 

@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 
 from rcmqp.paths.circle import Circle
 from rcmqp.paths.conical_helix import ConicalHelix
+from rcmqp.paths.hand_trace import HandTrace
 from rcmqp.paths.lissajous import Lissajous
 from rcmqp.paths.view_moves import ViewMoves
 from rcmqp.paths.view_steps import ViewSteps
@@ -31,9 +32,19 @@ class Path(Protocol):
 PATHS: dict[str, type[Path]] = {
     "circle": Circle,
     "conical_helix": ConicalHelix,
+    "hand_trace": HandTrace,
     "lissajous": Lissajous,
     "view_moves": ViewMoves,
     "view_steps": ViewSteps,
 }
 
-__all__ = ["PATHS", "Circle", "ConicalHelix", "Lissajous", "Path", "ViewMoves", "ViewSteps"]
+__all__ = [
+    "PATHS",
+    "Circle",
+    "ConicalHelix",
+    "HandTrace",
+    "Lissajous",
+    "Path",
+    "ViewMoves",
+    "ViewSteps",
+]

@@ -1,0 +1,131 @@
+"""An operator at the device, doing the camera task: one run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rcmqp.camera_task import CameraTask
+from rcmqp.devices import Encoder, HandMapping, HandView, Omega7
+from rcmqp.dualquaternion import Array
+from rcmqp.insertion import Insertion
+from rcmqp.instrument import Vector3
+from rcmqp.operators.detour import is_clear, via_point
+from rcmqp.operators.hand import Hand
+from rcmqp.operators.operator import Operator
+from rcmqp.operators.perception import Eyes
+from rcmqp.operators.submovement import Submovement, duration
+from rcmqp.reference import ViewCommand
+
+NEAR = 0.008
+"""Perceived distance from the point beside the obstacle from which on it counts as passed [m]."""
+
+
+def recognition_times(operator: Operator, objectives: int, seed: int) -> list[float]:
+    """How long the operator looks before each objective [s]; see Steering for the seed."""
+    rng = np.random.default_rng(_streams(seed)[0])
+    shape = operator.recognition_shape
+    return [operator.recognition * float(rng.gamma(shape)) / shape for _ in range(objectives)]
+
+
+class Steering:
+    """What one operator asks for, cycle by cycle.
+
+    Before each objective the operator looks at the pictures; then submovements follow each
+    other. Each is decided on what the camera showed ``delay`` ago: the perceived way to the goal
+    in the image's axes, short by ``gain``, scattered by the noise of the muscles. The
+    next one is decided when the last has been seen to end, and not before ``interval``. Round
+    the obstacle the operator goes by way of a point beside it, until that seems near and the
+    straight way to the objective clear by half the margin; or near for the second time.
+
+    Where the goal is, the operator knows from comparing the camera's image with the picture;
+    neither joints nor poses, nor which controller moves the arm.
+
+    Chance is four streams out of one seed: recognition, tremor, perception, movement. What is
+    drawn for one does not shift another.
+    """
+
+    def __init__(
+        self,
+        operator: Operator,
+        task: CameraTask,
+        device: Omega7,
+        mapping: HandMapping,
+        insertion: Insertion,
+        period: float,
+        seed: int,
+    ) -> None:
+        """At the start, the first objective just shown."""
+        self._operator, self._task = operator, task
+        self._targets = task.targets
+        _, tremor, perception, movement = _streams(seed)
+        self._recognition = recognition_times(operator, len(self._targets), seed)
+        self._hand = Hand(operator, device, period, np.random.default_rng(tremor))
+        self._encoder = Encoder(device, period)
+        self._view = HandView(mapping, insertion.tip_depth)
+        self._eyes = Eyes(operator, task, insertion, np.random.default_rng(perception))
+        self._rng = np.random.default_rng(movement)
+        touching = task.obstacle_radius + insertion.instrument.radius
+        self._clear = touching + operator.margin
+        self._turn = touching + operator.margin / 2.0
+        self._scale = mapping.scale
+        self._move = Submovement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 1.0)
+        self.objective = 0
+        self._via: Vector3 | None = None
+        self._start_objective(0.0, (0.0, 0.0, insertion.tip_depth))
+
+    def command(self, t: float, x: Array) -> ViewCommand | None:
+        """The view asked for at ``t`` [s]; None when the last objective is reached.
+
+        Args:
+            t: one period after the last call.
+            x: (8,) effector pose, now, which the camera shows.
+        """
+        tip = self._eyes.tip(x)
+        if math.dist(tip, self._targets[self.objective]) <= self._task.tolerance:
+            self.objective += 1
+            if self.objective == len(self._targets):
+                return None
+            self._start_objective(t, tip)
+        self._eyes.look(t, x)
+        if t >= self._next:
+            self._decide(t)
+        state = self._encoder.read(self._hand.position)
+        self._hand.step(self._move.position(t))
+        return self._view.ask(state)
+
+    def _start_objective(self, t: float, tip: Vector3) -> None:
+        """The pictures of the next objective are shown at ``t`` [s]."""
+        goal = self._targets[self.objective]
+        self._via = via_point(tip, goal, self._task.obstacle, self._clear)
+        self._passed = False
+        self._next = t + self._operator.delay + self._recognition[self.objective]
+
+    def _decide(self, t: float) -> None:
+        """Begin a submovement at ``t`` [s]."""
+        operator = self._operator
+        goal = self._targets[self.objective]
+        away = self._eyes.perceive(t, self._via or goal)
+        if self._via is not None and away is not None and math.hypot(*away) < NEAR:
+            seems = self._eyes.place(self._via, away)
+            if self._passed or is_clear(seems, goal, self._task.obstacle, self._turn):
+                self._via = None
+            self._passed = True
+            if self._via is None:
+                away = self._eyes.perceive(t, goal)
+        here = self._move.position(t)
+        if away is None:  # nothing to be seen: back to where there was
+            x, y, z = (a - b for a, b in zip(self._move.start, here, strict=True))
+        else:
+            x, y, z = (operator.gain * a / self._scale for a in away)
+        length = math.hypot(x, y, z)
+        noise = (operator.motor_noise * length * self._rng.normal(size=3)).tolist()
+        way = (x + noise[0], y + noise[1], z + noise[2])
+        lasts = duration(operator, math.hypot(*way))
+        self._move = Submovement(here, way, t, lasts)
+        self._next = t + max(operator.interval, lasts + 0.9 * operator.delay)
+
+
+def _streams(seed: int) -> list[np.random.SeedSequence]:
+    return np.random.SeedSequence(seed).spawn(4)

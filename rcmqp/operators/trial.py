@@ -1,0 +1,56 @@
+"""The camera task as a scenario's path: it depends on what the camera shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rcmqp.camera_task import CameraTask
+from rcmqp.devices import HandMapping, Omega7
+from rcmqp.errors import OptionError
+from rcmqp.insertion import Insertion
+from rcmqp.operators.operator import Operator
+from rcmqp.operators.steering import Steering
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTrial:
+    """One operator, one device, one task; ends when the task is done.
+
+    Attributes:
+        operator: who steers.
+        task: what is to be shown.
+        device: what is in the operator's hand.
+        mapping: from the hand's way to the view.
+        duration: after which the trial ends, done or not [s].
+    """
+
+    operator: Operator = field(default_factory=Operator)
+    task: CameraTask = field(default_factory=CameraTask)
+    device: Omega7 = field(default_factory=Omega7)
+    mapping: HandMapping = field(default_factory=HandMapping)
+    duration: float = 600.0
+
+    def __post_init__(self) -> None:
+        """Make the parts of what a file says of them, and check the duration."""
+        parts = (
+            ("operator", Operator),
+            ("task", CameraTask),
+            ("device", Omega7),
+            ("mapping", HandMapping),
+        )
+        for name, kind in parts:
+            value = getattr(self, name)
+            if isinstance(value, Mapping):
+                object.__setattr__(self, name, kind(**value))
+            elif not isinstance(value, kind):
+                raise OptionError(f"{name} = {value!r}, it must be of type {kind.__name__}")
+        if not 0.0 < self.duration < math.inf:
+            raise OptionError(f"duration = {self.duration} s, it must be positive")
+
+    def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
+        """The operator at the device; equal arguments do the same to the bit."""
+        return Steering(
+            self.operator, self.task, self.device, self.mapping, insertion, period, seed
+        )

@@ -1,0 +1,62 @@
+"""A hand's recorded movement on a haptic device."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+
+from rcmqp.devices.clutch import Clutch
+from rcmqp.devices.mapping import HandMapping
+from rcmqp.errors import OptionError
+from rcmqp.instrument import Vector3
+from rcmqp.motions.sampled import Sampled
+from rcmqp.reference import ViewCommand
+
+
+@dataclass(frozen=True)
+class HandTrace:
+    """Views as a hand asked for them, whatever the camera showed.
+
+    Between its samples the way that counts is Sampled's spline, from rest to rest.
+
+    Attributes:
+        times: (n,) [s], from 0 on, growing; n >= 2.
+        positions: (n, 3) of the handle [m], see DeviceState.
+        engaged: (n,) whether the handle drove the camera; empty for always.
+        mapping: from the hand's way to the view.
+    """
+
+    times: tuple[float, ...]
+    positions: tuple[Vector3, ...]
+    engaged: tuple[bool, ...] = ()
+    mapping: HandMapping = field(default_factory=HandMapping)
+
+    def __post_init__(self) -> None:
+        """Make plain tuples of the samples and check them."""
+        samples, engaged = Sampled(self.times, self.positions), tuple(map(bool, self.engaged))
+        if engaged and len(engaged) != len(samples.times):
+            raise OptionError(
+                f"engaged: {len(engaged)} for {len(samples.times)} samples; one each, or none"
+            )
+        if isinstance(self.mapping, dict):  # out of a file
+            object.__setattr__(self, "mapping", HandMapping(**self.mapping))
+        object.__setattr__(self, "times", samples.times)
+        object.__setattr__(self, "positions", samples.positions)
+        object.__setattr__(self, "engaged", engaged)
+
+    @functools.cached_property
+    def way(self) -> Sampled:
+        """What counts of the handle's way."""
+        clutch, engaged = Clutch(), self.engaged or (True,) * len(self.times)
+        return Sampled(self.times, tuple(map(clutch.step, self.positions, engaged)))
+
+    @property
+    def duration(self) -> float:
+        """When the trace ends [s]."""
+        return self.times[-1]
+
+    def command(self, t: float, tip_depth: float) -> ViewCommand:
+        """The view that the hand asked for at ``t`` [s]."""
+        x, y, z = map(float, self.way.position(t))
+        u, v, w = map(float, self.way.velocity(t))
+        return self.mapping.view((x, y, z), (u, v, w), tip_depth)

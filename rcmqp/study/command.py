@@ -1,0 +1,92 @@
+"""The command line of studies: rcmqp study, and experiment B of rcmqp reproduce."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rcmqp import console
+from rcmqp.console import out
+
+Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Processes; -1 for every core.")]
+Operators = Annotated[int, typer.Option(help="How many simulated people; novices take turns.")]
+Seed = Annotated[int, typer.Option(help="Of everything random.")]
+
+
+def study(
+    scenario: Annotated[str, typer.Argument(help="camera_task, or a file like it.")],
+    operators: Operators = 20,
+    seed: Seed = 0,
+    arm: Annotated[
+        list[str] | None,
+        typer.Option("--arm", "-a", help="Name; may be repeated; the scenario's own without it."),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option("--controller", "-c", help="Name; may be repeated; dual_quaternion."),
+    ] = None,
+    gain: Annotated[
+        list[float] | None, typer.Option(help="K in 1/s; may be repeated: each is a controller.")
+    ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(help="T in s; 0.008 for dual_quaternion, 0.001 for others, without it."),
+    ] = None,
+    jobs: Jobs = 1,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
+        "study"
+    ),
+    as_json: Annotated[bool, typer.Option("--json", help="Print every trial as JSON.")] = False,
+) -> None:
+    """Let simulated operators do a task: operators x arms x controllers.
+
+    For example,
+
+      rcmqp study camera_task --operators 20 --seed 1 --jobs 2
+
+      rcmqp study camera_task -a lwa3 -a panda -c dual_quaternion -c hierarchical_qp
+
+    Each trial is a file of its own in the folder; a study that is stopped goes on where it was
+    when the same command is given again. The table does not depend on the number of jobs.
+    """
+    from rcmqp.study.plan import Law, Study
+
+    gains: list[float | None] = [*gain] if gain else [None]
+    laws = [
+        Law(name, period or 0.0, () if k is None else (("gain", k),))
+        for name in controller or ["dual_quaternion"]
+        for k in gains
+    ]
+    _perform(
+        Study(scenario, operators, seed, tuple(arm or [""]), tuple(laws)), folder, jobs, as_json
+    )
+
+
+def reproduce_b(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -> None:
+    """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
+    from rcmqp.study.plan import Study
+
+    _perform(Study(operators=operators, seed=seed), folder, jobs, as_json)
+
+
+def _perform(chosen: object, folder: Path, jobs: int, as_json: bool) -> None:
+    from rcmqp.study.perform import perform  # joblib and SciPy take long to import
+    from rcmqp.study.plan import Study
+    from rcmqp.study.record import plain
+    from rcmqp.study.report import write_figures, write_tables
+
+    assert isinstance(chosen, Study)
+    with console.bar(quiet=as_json) as advance:
+        performed = perform(chosen, folder, jobs=jobs, progress=advance)
+    text, files = write_tables(performed)
+    files += write_figures(performed)
+    for note in performed.notes:
+        console.err.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    if as_json:
+        console.print_json([plain(outcome) for outcome in performed.outcomes])
+        return
+    out.print(text, markup=False, highlight=False, soft_wrap=True)
+    for file in files:
+        out.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,153 @@
+"""What a study consists of: operators x arms x controllers, each a trial of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcmqp.controllers import CONTROLLERS, Controller, make_controller
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.operators import CameraTrial, operator_of_study
+from rcmqp.scenario import Scenario, load_scenario
+
+PAPERS_PERIOD = 8e-3
+"""Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
+
+PERIOD = 1e-3
+"""Sampling period of every other controller [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """A controller, its period and its options.
+
+    Attributes:
+        name: a key of CONTROLLERS, hyphens as good as underscores.
+        period: sampling period [s]; without it PAPERS_PERIOD for the paper's law, else PERIOD.
+        options: of the controller, by name.
+    """
+
+    name: str = "dual_quaternion"
+    period: float = 0.0
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the name and fill in the period."""
+        object.__setattr__(self, "name", self.name.replace("-", "_"))
+        if self.name not in CONTROLLERS:
+            raise UnknownName("controller", self.name, CONTROLLERS)
+        if self.period == 0.0:
+            period = PAPERS_PERIOD if self.name == "dual_quaternion" else PERIOD
+            object.__setattr__(self, "period", period)
+        if not 0.0 < self.period < 0.04:
+            raise OptionError(
+                f"period = {self.period} s, it must be positive and below 0.04 s, or an "
+                "operator's tremor cannot be shown"
+            )
+
+    def __str__(self) -> str:
+        """Name, period and options."""
+        options = "".join(f", {name} = {value}" for name, value in self.options)
+        return f"{self.name}, {1e3 * self.period:g} ms{options}"
+
+    @property
+    def stem(self) -> str:
+        """As part of a file's name."""
+        options = "".join(f"_{name}_{value}" for name, value in self.options)
+        return f"{self.name}_{1e3 * self.period:g}ms{options}"
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One operator, one arm, one controller.
+
+    Attributes:
+        scenario: name or file of a scenario whose path is a CameraTrial.
+        operator: number of the person in the study.
+        seed: of the study.
+        arm: name; empty for the scenario's own.
+        law: the controller.
+    """
+
+    scenario: str
+    operator: int
+    seed: int
+    arm: str
+    law: Law
+
+    @property
+    def stem(self) -> str:
+        """Its file's name, without what kind of file it is."""
+        arm = f"{Path(self.arm).stem}_" if self.arm else ""
+        return f"{arm}{self.law.stem}_operator{self.operator:04d}"
+
+    def made(self) -> Scenario:
+        """The scenario with this operator.
+
+        Raises:
+            OptionError: nobody steers in this scenario.
+        """
+        base = _base(self.scenario, self.arm, self.law.period)
+        if not isinstance(base.path, CameraTrial):
+            raise OptionError(
+                f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
+                "study needs a CameraTrial, as camera_task has"
+            )
+        person, seed = operator_of_study(self.operator, self.seed)
+        return dataclasses.replace(
+            base, path=dataclasses.replace(base.path, operator=person), seed=seed
+        )
+
+    def controller(self, scenario: Scenario) -> Controller:
+        """The controller for made()."""
+        options: Mapping[str, Any] = dict(self.law.options)
+        return make_controller(self.law.name, scenario.insertion(), scenario.period, **options)
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Every operator with every arm and controller.
+
+    The same people, with the same luck, use every arm and controller: that is what makes
+    comparisons between those paired.
+
+    Attributes:
+        scenario: name or file.
+        operators: how many people; each second one is a novice, the first is.
+        seed: of everything random. A person depends on it and the own number alone.
+        arms: names; an empty one is the scenario's own.
+        laws: controllers.
+    """
+
+    scenario: str = "camera_task"
+    operators: int = 20
+    seed: int = 0
+    arms: tuple[str, ...] = ("",)
+    laws: tuple[Law, ...] = (Law(),)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (isinstance(self.operators, int) and self.operators > 0):
+            raise OptionError(f"operators = {self.operators!r}, it must be a whole number above 0")
+        for name in ("arms", "laws"):
+            values = getattr(self, name)
+            if not values or len(set(values)) < len(values):
+                raise OptionError(f"{name} = {values}: at least one, and none twice")
+        operator_of_study(0, self.seed)
+
+    def trials(self) -> list[Trial]:
+        """Every trial; all of a person's one after the other."""
+        return [
+            Trial(self.scenario, i, self.seed, arm, law)
+            for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
+        ]
+
+
+@functools.cache
+def _base(scenario: str, arm: str, period: float) -> Scenario:
+    return load_scenario(scenario, arm or None, period=period)
