@@ -18,9 +18,11 @@ from rcmqp.controllers import CONTROLLERS, controller_options, make_controller
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.loading import arm_names, load_arm
 from rcmqp.metrics import compute_metrics
+from rcmqp.report import cli as report_cli
 from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario, scenario_module, scenario_names
 from rcmqp.simulate import simulate
+from rcmqp.study import command as study_command
 from rcmqp.viewer.cli import register
 
 app = typer.Typer(
@@ -237,10 +239,19 @@ def compare(
     from rcmqp import compare as comparison  # joblib and matplotlib take long to import
 
     changes = {"period": period, "duration": duration, "seed": seed}
+    laws = [name.replace("-", "_") for name in controller or CONTROLLERS]
+    for kind, names, known in (("arm", arm or (), arm_names()), ("controller", laws, CONTROLLERS)):
+        for name in names:
+            if name not in known:
+                raise UnknownName(kind, name, known)
+    for name in scenario:
+        scenario_module(name)
+    if jobs == 0:
+        raise OptionError("--jobs 0: give at least 1, or -1 for every core")
     todo = comparison.cases(
         scenario,
         arm or [None],
-        controller or list(CONTROLLERS),
+        laws,
         {name: value for name, value in changes.items() if value is not None},
     )
     with console.bar(quiet=as_json) as advance:
@@ -249,9 +260,14 @@ def compare(
         )
     if as_json:
         console.print_json([console.row_json(row) for row in rows])
-        return
-    out.print(comparison.as_markdown(rows), markup=False, highlight=False, soft_wrap=True)
-    out.print(f"wrote {folder}", highlight=False, soft_wrap=True)
+    else:
+        out.print(comparison.as_markdown(rows), markup=False, highlight=False, soft_wrap=True)
+        out.print(f"wrote {folder}", highlight=False, soft_wrap=True)
+    if any(row.failure for row in rows):
+        raise typer.Exit(1)
+
+
+app.command()(study_command.study)
 
 
 @app.command()
@@ -259,17 +275,30 @@ def reproduce(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "results"
     ),
+    experiment: Annotated[str, typer.Option("--experiment", "-e", help="a or b.")] = "a",
     duration: Annotated[
         float | None, typer.Option(help="Only the first seconds of the helix, for a quick look.")
     ] = None,
+    operators: study_command.Operators = 20,
+    seed: study_command.Seed = 0,
+    jobs: study_command.Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Run the paper's experiment A on both arms: runs, figures, table beside the paper's.
+    """Run the paper's experiments: runs, figures, table beside the paper's, report.
 
-    The tool tip of a Schunk LWA3 and of a Meka A2 draws a conical helix under the paper's
-    controller, at T = 8 ms, which the paper's Table I implies, and at 1 ms; and, to end with,
-    under hierarchical_qp at 1 ms.
+    Experiment A: the tool tip of a Schunk LWA3 and of a Meka A2 draws a conical helix under the
+    paper's controller, at T = 8 ms, which the paper's Table I implies, and at 1 ms; and, to end
+    with, under hierarchical_qp at 1 ms. The folder's index.html shows it all, with a viewer an
+    arm.
+
+    Experiment B: simulated operators steer the endoscope of a Schunk LWA3 to four views, at 8 ms;
+    --operators, --seed and --jobs are for it.
     """
+    if experiment.lower() == "b":
+        study_command.reproduce_b(folder, operators, seed, jobs, as_json)
+        return
+    if experiment.lower() != "a":
+        raise UnknownName("experiment", experiment, ("a", "b"))
     from rcmqp.reproduce import reproduce_a
 
     with console.bar(quiet=as_json) as advance:
@@ -321,6 +350,7 @@ def loopback(
 
 
 register(app)
+report_cli.register(app)
 
 
 def _options(controller: str, settings: Sequence[str]) -> dict[str, Any]:
@@ -328,12 +358,15 @@ def _options(controller: str, settings: Sequence[str]) -> dict[str, Any]:
     name = controller.replace("-", "_")
     if name not in CONTROLLERS:
         raise UnknownName("controller", name, CONTROLLERS)
-    defaults = controller_options(name)
+    given = controller_options(name)  # an option without a default of its own is Python's
+    defaults = {option: value for option, value in given.items() if value is not None}
     options: dict[str, Any] = {}
     for setting in settings:
         option, equals, text = setting.partition("=")
         if not equals:
             raise OptionError(f"--set {setting}: write NAME=VALUE, such as feed_forward=true")
+        if option in given and option not in defaults:
+            raise OptionError(f"--set {setting}: {option} of {name} can be given only from Python")
         if option not in defaults:
             raise UnknownName(f"option of {name}", option, defaults)
         options[option] = _value(option, text, type(defaults[option]))

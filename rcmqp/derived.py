@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import Insertion, insertion_depth, rcm_error, tilt
@@ -55,7 +56,7 @@ class Derived:
             "rcm_error": rcm_error(x, pivot),
             "depth": insertion_depth(x, pivot, insertion.tip_depth),
             "tilt": tilt(x, np.array(scenario.trocar.axis)),
-            "singular_value": np.asarray(np.linalg.svd(rows["J"], compute_uv=False)[:, -1]),
+            "singular_value": _kernel.least_singular_values(rows["J"]),
         }
 
     def _continuous(self, x: Array) -> Array:

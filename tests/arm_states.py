@@ -11,10 +11,9 @@ from oracle import Problem, certificate, primal_norms
 
 from rcmqp import ArmState, Insertion, Reference, load_scenario
 from rcmqp.controllers import HierarchicalQP
-from rcmqp.dualquaternion import from_se3
+from rcmqp.dualquaternion import P, from_se3, mul, quaternion_mul
 from rcmqp.limits import JointLimits, combine
 from rcmqp.qp import HierarchySolution
-from rcmqp.reference import pose_rate
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask
 
 ARMS = ("lwa3", "panda", "ur5", "kinova")
@@ -65,7 +64,9 @@ def drawn(insertion: Insertion, rng: np.random.Generator) -> tuple[ArmState, Ref
     x_d = from_se3(state.oMe * pin.exp6(away * rng.normal(size=6)))
     pivot = state.oMe.act(np.array([*(0.1 * away * rng.normal(size=2)), rng.normal(scale=0.03)]))
     pivot_dot, (omega, nu) = 0.02 * rng.normal(size=3), away * rng.normal(size=(2, 3))
-    return state, Reference(x_d, pose_rate(x_d, omega, nu, pivot_dot), pivot, pivot_dot)
+    x_d_dot = 0.5 * mul(x_d, np.array([0.0, *omega, 0.0, *nu]))
+    x_d_dot[4:] += 0.5 * quaternion_mul([0.0, *pivot_dot], P(x_d))
+    return state, Reference(x_d, x_d_dot, pivot, pivot_dot)
 
 
 def verdict(arm: str, seed: int) -> Verdict:

@@ -15,7 +15,6 @@ HEAVY = {  # each takes long to import, and neither importing rcmqp nor its help
     "joblib",
     "matplotlib",
     "meshcat",
-    "numba",
     "proxsuite",
     "qpsolvers",
     "rich.progress",
