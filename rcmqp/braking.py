@@ -26,7 +26,7 @@ def braking(arm: Arm, angles: Array, v: Array, period: float) -> Array:
             for what is not known cannot be slowed down.
         period: [s].
     """
-    v = np.clip(np.where(np.isfinite(v), v, 0.0), -arm.velocity, arm.velocity)
+    v = np.where(np.isfinite(v), v, 0.0)
     most = arm.acceleration * period
     cycles = max(1, math.ceil(float(np.max(np.abs(v) / most)) - 1e-9))
     share = np.arange(cycles - 1, -1, -1)[:, None] / cycles

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import gc
 import math
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -210,6 +212,11 @@ class _Loop:
                 f"the newest reference is {now - newest.at:.4g} s old, allowed "
                 f"{self.reference_age:.4g} s"
             )
+        if newest.at - now > self.timing.period:
+            raise LoopFault(
+                f"the newest reference is stamped {newest.at - now:.4g} s in the future; stamp "
+                "references with the time that the loop asks with, counted from its start"
+            )
         state = self.controller.insertion.state(q, self.v)
         answer = self.controller.step(state, newest.reference)
         command = np.array(answer.v, dtype=float)
@@ -222,19 +229,31 @@ class _Loop:
 
     def _brake(self) -> int:
         """The safe stop, sent whatever else fails; in how many cycles."""
-        period, before = self.timing.period, self.timing.cycles
-        hold = np.zeros((math.ceil(HOLD / period), self.arm.nv))
-        for v in np.concatenate([braking(self.arm, self.angles, self.v, period), hold]):
-            v.setflags(write=False)
-            self._wait_through()
-            with contextlib.suppress(Exception):  # it may not be what moves the joints
-                self.robot.read()
-            try:
-                self.robot.send(v)
-            except (Exception, KeyboardInterrupt):  # noqa: BLE001  (the next one may get through)
-                self.unsent += 1
-            self.timing.sent()
+        before = self.timing.cycles
+        with _no_interrupts():
+            for v in self._to_rest():
+                self._wait_through()
+                with contextlib.suppress(Exception, KeyboardInterrupt):  # not what moves the arm
+                    self.robot.read()
+                try:
+                    self.robot.send(v)
+                except (Exception, KeyboardInterrupt):  # noqa: BLE001  (the next may get through)
+                    self.unsent += 1
+                with contextlib.suppress(Exception, KeyboardInterrupt):
+                    self.timing.sent()
         return self.timing.cycles - before
+
+    def _to_rest(self) -> Array:
+        """Velocities (cycles, nv) of the safe stop; zero at once if they cannot be found."""
+        hold = np.zeros((math.ceil(HOLD / self.timing.period), self.arm.nv))
+        try:
+            stop = np.concatenate(
+                [braking(self.arm, self.angles, self.v, self.timing.period), hold]
+            )
+        except (Exception, KeyboardInterrupt):  # noqa: BLE001  (to stop comes first)
+            stop = hold
+        stop.setflags(write=False)
+        return stop
 
     def _wait_through(self) -> None:
         """Wait for the next cycle, whatever the user presses."""
@@ -244,6 +263,19 @@ class _Loop:
                 return
             except KeyboardInterrupt:
                 continue
+
+
+@contextlib.contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Ctrl-C does nothing in here, where this is the main thread: the arm is being stopped."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager

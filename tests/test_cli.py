@@ -278,3 +278,27 @@ def test_python_dash_m_is_the_command_line() -> None:
         [sys.executable, "-m", "rcmqp", "--version"], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip().count(".") == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-a", "nosuch"), "unknown arm 'nosuch'"),
+        (("-a", "panda", "-c", "foo"), "unknown controller 'foo'"),
+        (("-a", "panda", "--jobs", "0"), "--jobs 0"),
+    ],
+)
+def test_compare_checks_names_before_anything_is_written(
+    call: Call, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    folder = tmp_path / "comparison"
+    code, _, err = call("compare", "-s", "conical_helix", *arguments, "--out", str(folder))
+    assert code != 0
+    assert message in err
+    assert not folder.exists()
+
+
+def test_an_option_that_only_python_can_give_says_so(call: Call) -> None:
+    code, _, err = call(*SHORT, "-c", "hierarchical_qp", "--set", "levels=rcm")
+    assert code != 0
+    assert "only from Python" in err

@@ -215,3 +215,10 @@ def test_joints_that_lag_behind_do_not_disturb_the_limits() -> None:
     )
     assert found.rcm_max_mm < 0.05
     assert found.tip_rms_mm < 0.05
+
+
+def test_levels_and_limits_of_another_kind_are_refused() -> None:
+    scenario = load_scenario("conical_helix", "panda")
+    for options in ({"levels": ["rcm"]}, {"limits": [RcmTask()]}):
+        with pytest.raises(OptionError, match="is no"):
+            HierarchicalQP(scenario.insertion(), scenario.period, **options)

@@ -13,7 +13,7 @@ from rcmqp import ArmState, Insertion, Reference, load_scenario
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.controllers.program import LevelOfTasks, Program
-from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit
+from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit, TrocarCone
 from rcmqp.objectives import JointCentring
 from rcmqp.qp import HierarchySolution
 from rcmqp.tasks import DepthTask, ObjectiveTask, PostureTask, RcmTask, RollTask, TipTask
@@ -110,5 +110,24 @@ def test_a_derived_task_is_not_taken_for_the_one_it_derives_from() -> None:
             found = super().evaluate(state, reference)
             return dataclasses.replace(found, error=np.zeros(2))
 
+    class Lame(TrocarCone):
+        def pace(self, s: float) -> float:
+            return 0.5 * super().pace(s)
+
     insertion = load_scenario("conical_helix", "panda").insertion()
     assert Program.of([Lazy()], [], insertion.arm) is None
+    assert Program.of([], [TrocarCone(insertion.trocar)], insertion.arm) is not None
+    assert Program.of([], [Lame(insertion.trocar)], insertion.arm) is None
+
+
+def test_a_weight_means_nothing_on_a_level_of_its_own() -> None:
+    insertion, rng = load_scenario("conical_helix", "panda").insertion(), np.random.default_rng(7)
+    cycle = drawn(insertion, rng)
+    light, heavy = (
+        HierarchicalQP(
+            insertion, T, levels=[RcmTask(), TipTask(insertion.tip_depth, weight=weight)]
+        ).step(*cycle)
+        for weight in (1.0, 1e4)
+    )
+    assert heavy.diagnostics["tip_residual"] == light.diagnostics["tip_residual"]
+    assert np.array_equal(heavy.v, light.v)

@@ -329,6 +329,51 @@ def test_rows_yield_to_a_guarded_level_that_the_box_alone_would_let_be_reached()
     assert stays.limits_hold
 
 
+def test_rows_that_nearly_repeat_are_not_taken_for_exceeded() -> None:
+    rng, solver = np.random.default_rng(7), Hierarchy("active_set")
+    for _ in range(100):
+        n, gap = 3, 10.0 ** rng.uniform(-13.0, -10.0)
+        row = rng.normal(size=(3, n))
+        C = np.vstack([row, row + gap * rng.normal(size=(3, n))])
+        bounds = Bounds([-9] * n, [9] * n, C, np.full(6, 0.1))  # zero is inside
+        A, b = rng.normal(size=(2, n)), rng.normal(size=2)
+        found = solver.solve([Level(A, b)], bounds)
+        once = solver.solve([Level(A, b)], Bounds([-9] * n, [9] * n, row, np.full(3, 0.1)))
+        assert found.limits_hold
+        np.testing.assert_allclose(
+            np.linalg.norm(found.levels[0].residual),
+            np.linalg.norm(once.levels[0].residual),
+            rtol=0,
+            atol=1e-7,
+        )
+
+
+def test_the_box_holds_to_the_bit_whatever_its_sides() -> None:
+    bounds = Bounds([1e-300, -1.0], [2e-300, 1e99])
+    found = Hierarchy("active_set").solve([Level(np.eye(2), [5.0, 5.0])], bounds)
+    assert (bounds.lower <= found.v).all()
+    assert (found.v <= bounds.upper).all()
+
+
+@pytest.mark.parametrize("rounds", [0, -1, 2**31, 2**32])
+def test_rounds_beyond_reason_are_refused(rounds: int) -> None:
+    with pytest.raises(OptionError, match="max_rounds"):
+        Hierarchy(max_rounds=rounds)
+
+
+def test_a_backend_that_raises_changes_nothing() -> None:
+    class Raising(Liar):
+        def solve(self, qp: QP) -> QPSolution:
+            raise RuntimeError("no licence")
+
+    rng, hierarchy = np.random.default_rng(7), Hierarchy("daqp")
+    hierarchy._solvers = [Raising("zero")] * 5
+    for _ in range(10):
+        problem = arm_like(rng)
+        expected = Hierarchy("active_set").solve(*problem).v
+        np.testing.assert_allclose(hierarchy.solve(*problem).v, expected, rtol=0, atol=1e-10)
+
+
 def test_a_vertex_where_many_bounds_meet_is_left_or_proved_optimal() -> None:
     rng, solver = np.random.default_rng(7), Hierarchy("active_set")
     for _ in range(200):

@@ -344,6 +344,35 @@ def test_a_fault_of_the_controller_ends_in_the_safe_stop(
     assert isinstance(report.stop.error, Exception)
 
 
+def test_a_reference_stamped_in_the_future_ends_in_the_safe_stop(
+    insertion: rcmqp.Insertion,
+) -> None:
+    robot = Arm(insertion, Clock())
+    still = rcmqp.view_pose(insertion.x_rcm, rcmqp.ViewCommand())
+    report = run(robot, 1.0, lambda now: Stamped(still, now + (1e9 if robot.sent else 0.0)))
+    assert "in the future" in report.stop.fault
+    assert (robot.sent[-1] == 0.0).all()
+
+
+@pytest.mark.parametrize("where", ["read", "send"])
+def test_ctrl_c_again_and_again_does_not_keep_the_arm_moving(
+    insertion: rcmqp.Insertion, where: str
+) -> None:
+    robot = Arm(insertion, Clock())
+    usual = getattr(robot, where)
+
+    def impatient(*values: Any) -> Any:
+        if len(robot.sent) >= 15:
+            usual(*values)
+            raise KeyboardInterrupt
+        return usual(*values)
+
+    setattr(robot, where, impatient)
+    report = run(robot, 1.0, controller=Spoilt(insertion, T, robot, np.full(7, 0.2)))
+    assert "interrupted" in report.stop.fault
+    assert (robot.sent[-1] == 0.0).all()
+
+
 def test_a_command_that_would_be_too_late_is_not_sent(insertion: rcmqp.Insertion) -> None:
     robot = Arm(insertion, clock := Clock())
 

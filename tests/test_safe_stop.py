@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -104,15 +105,43 @@ def test_what_is_no_number_is_answered_by_braking_inside_the_acceleration_limits
     assert_allclose(after.v, before.v, rtol=0, atol=1e-9)  # it goes on as if nothing had been
 
 
-def test_braking_ends_at_rest_and_is_never_above_the_speed_limits() -> None:
+@pytest.mark.parametrize("share", [1.0, 1.5])  # of the speed limits: a push may be above them
+def test_braking_ends_at_rest_as_fast_as_accelerations_allow(share: float) -> None:
     arm, angles = inserted().arm, inserted().angles_start
-    v, steps = 1.5 * arm.velocity * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), 0
+    v, steps = share * arm.velocity * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), 0
+    cycles = math.ceil(np.max(np.abs(v) / (T * arm.acceleration)) - 1e-9)
     while v.any():
         slower = braking(arm, angles, v, T)[0]
-        assert (np.abs(slower) <= arm.velocity).all()
         assert (slower * v >= 0.0).all()
+        assert (np.abs(slower - v) <= T * arm.acceleration * (1.0 + 1e-9)).all()
         v, steps = slower, steps + 1
-    assert steps == math.ceil(np.max(arm.velocity / (T * arm.acceleration)))
+    assert steps == cycles
+
+
+@every_controller
+@pytest.mark.parametrize(
+    "kind",
+    [
+        lambda x: x.astype(">f8"),
+        lambda x: np.repeat(x, 2)[::2],
+        lambda x: x.astype(np.float32).astype(float).tolist(),
+    ],
+    ids=["big-endian", "strided", "list"],
+)
+def test_arrays_of_any_kind_are_read_for_what_they_say(
+    name: str, kind: Callable[[np.ndarray], Any]
+) -> None:
+    insertion = inserted()
+    state, reference = insertion.state(insertion.q_start), view(insertion)
+    pivot = np.asarray(kind(reference.pivot), dtype=float)
+    expected = make_controller(name, insertion, T).step(
+        state, dataclasses.replace(reference, pivot=pivot)
+    )
+    found = make_controller(name, insertion, T).step(
+        state, dataclasses.replace(reference, pivot=kind(reference.pivot))
+    )
+    assert found.stop == expected.stop == ""
+    assert np.array_equal(found.v, expected.v)
 
 
 @pytest.mark.parametrize(

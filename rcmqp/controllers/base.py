@@ -14,7 +14,7 @@ import numpy as np
 from rcmqp.arm import ArmState
 from rcmqp.braking import braking
 from rcmqp.controllers.account import explained
-from rcmqp.controllers.checks import fault, is_finite
+from rcmqp.controllers.checks import as_numbers, fault, is_finite, is_usable
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
@@ -92,9 +92,11 @@ class Controller(abc.ABC):
 
     def step(self, state: ArmState, reference: Reference) -> Command:
         """The joint velocity to hold until the next cycle: the law's, or the safe stop."""
-        wrong = fault(state, reference)
-        if wrong:
-            return self.safe_stop(state, wrong)
+        if not is_usable(state, reference):
+            reference = as_numbers(reference)
+            wrong = fault(state, reference)
+            if wrong:
+                return self.safe_stop(state, wrong)
         try:
             answer = self._step(state, reference)
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:

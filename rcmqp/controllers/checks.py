@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
@@ -56,15 +57,30 @@ def is_finite(values: Array) -> bool:
     return all(map(math.isfinite, values.tolist()))  # a quarter of what numpy takes for seven
 
 
+def is_usable(state: ArmState, reference: Reference) -> bool:
+    """Whether fault() would find nothing, and every array is one that compiled code can read."""
+    numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
+    return _kernel.usable(state.q, state.v, *numbers, UNIT_TOLERANCE)
+
+
+def as_numbers(reference: Reference) -> Reference:
+    """The same reference in contiguous arrays of float64; NaN where there are no numbers."""
+    return Reference(*(_numbers(getattr(reference, name)) for name in _SIZES))
+
+
+def _numbers(values: ArrayLike) -> Array:
+    try:
+        return np.array(values, dtype=float, order="C")
+    except (TypeError, ValueError):
+        return np.array([np.nan])
+
+
 def fault(state: ArmState, reference: Reference) -> str:
     """What keeps a controller from following, in words; empty if nothing does.
 
     A rate that the law does not use counts, too: whoever sends one that is no number is not
     to be relied on.
     """
-    numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
-    if _kernel.usable(state.q, state.v, *numbers, UNIT_TOLERANCE):
-        return ""
     if not is_finite(state.q):
         return "the joint reading q is not finite"
     if not is_finite(state.v):

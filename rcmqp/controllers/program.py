@@ -50,15 +50,19 @@ class Program:
         nv = arm.nv
         tasks, vectors, ends = [], [], []
         for level in levels:
+            if isinstance(level, Together) and type(level) is not Together:
+                return None
             for task in level.tasks if isinstance(level, Together) else (level,):
-                found = task.program() if _own(task, Task) else None
+                found = task.program() if _own(task) else None
                 if found is None or any(np.shape(given) != (nv,) for given in found[1]):
                     return None
                 numbers, given = found
+                if level is task:  # a weight means nothing on a level of its own
+                    numbers = (numbers[0], 1.0, *numbers[2:])
                 tasks.append(numbers)
                 vectors.append([*given, *[np.zeros(nv)] * (2 - len(given))])
             ends.append(sum(_ROWS.get(int(numbers[0]), nv) for numbers in tasks))
-        lines = [limit.program() if _own(limit, Limit) else None for limit in limits]
+        lines = [limit.program() if _own(limit) else None for limit in limits]
         arms = [limit.arm for limit in limits if isinstance(limit, JointLimits)]
         if None in lines or any(other.joints != arm.joints for other in arms):
             return None
@@ -87,14 +91,9 @@ _ROWS = {_kernel.RCM: 2, _kernel.TIP: 3, _kernel.ROLL: 1}
 """Rows of a task; of the others, one a joint."""
 
 
-def _own(item: Task | Limit, base: type) -> bool:
-    """Whether program() and evaluate() are of one class: a derived one may change evaluate()."""
-    classes = [cls for cls in type(item).__mro__ if cls is not base]
-    of = [next((cls for cls in classes if name in vars(cls)), None) for name in _BOTH]
-    return of[0] is of[1]
-
-
-_BOTH = ("evaluate", "program")
+def _own(item: Task | Limit) -> bool:
+    """Whether program() is of the item's own class: a derived class may change anything."""
+    return "program" in vars(type(item))
 
 
 def _joints(arm: Arm) -> Array:

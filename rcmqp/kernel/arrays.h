@@ -10,12 +10,13 @@
 
 #include "linalg.h"
 
-/* The numbers of an array of `size` numbers (-1: any); NULL, with a Python error, if it is not. */
+/* The numbers of an array of `size` numbers (-1: any); NULL, with a Python error, if it is not
+ * C-contiguous, aligned and of the machine's byte order. */
 static inline void *numbers_of(PyObject *object, int type, npy_intp size, const char *name)
 {
     PyArrayObject *array = (PyArrayObject *)object;
-    if (!PyArray_Check(object) || PyArray_TYPE(array) != type || !PyArray_IS_C_CONTIGUOUS(array)) {
-        PyErr_Format(PyExc_TypeError, "%s must be a C-contiguous array of %s", name,
+    if (!PyArray_Check(object) || PyArray_TYPE(array) != type || !PyArray_ISCARRAY_RO(array)) {
+        PyErr_Format(PyExc_TypeError, "%s must be a C-contiguous array of native %s", name,
                      type == NPY_DOUBLE ? "float64" : "int64");
         return NULL;
     }
@@ -25,6 +26,30 @@ static inline void *numbers_of(PyObject *object, int type, npy_intp size, const 
         return NULL;
     }
     return PyArray_DATA(array);
+}
+
+/* The same, of an array that is written to. */
+static inline double *space_of(PyObject *object, npy_intp size, const char *name)
+{
+    double *numbers = numbers_of(object, NPY_DOUBLE, size, name);
+    if (numbers != NULL && !PyArray_ISWRITEABLE((PyArrayObject *)object)) {
+        PyErr_Format(PyExc_ValueError, "%s is read-only", name);
+        return NULL;
+    }
+    return numbers;
+}
+
+/* A count from 0 to `most`; -1, with a Python error, if it is none. */
+static inline int count_of(PyObject *object, long most, const char *name)
+{
+    int overflow = 0;
+    const long value = PyLong_AsLongAndOverflow(object, &overflow);
+    if (PyErr_Occurred()) return -1;
+    if (overflow || value < 0 || value > most) {
+        PyErr_Format(PyExc_ValueError, "%s must be from 0 to %ld", name, most);
+        return -1;
+    }
+    return (int)value;
 }
 
 static inline npy_intp size_of(PyObject *object)

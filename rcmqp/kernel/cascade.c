@@ -9,6 +9,10 @@
 /* A unit row that is exceeded by less is kept, times its size where that is above one. */
 #define CARRIED 1e-12
 
+/* A hard row that is exceeded by less, times its size where that is above one, is not fixed: it
+ * may be rounding. It stays an inequality. */
+#define FROZEN 1e-9
+
 /* Euclidean norm, roughly so where squares over- or underflow. */
 double norm_of(const double *x, int count)
 {
@@ -145,7 +149,7 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
         if (same) { /* what decides the optimum stays */
             int count = 0;
             for (int i = 0; i < N; ++i) {
-                if (!(V[i] && over[i] > 1.0) && !(i < n && fabs(multipliers[i]) > strong)) continue;
+                if (!(V[i] && over[i] * CARRIED > FROZEN) && !(i < n && fabs(multipliers[i]) > strong)) continue;
                 memcpy(A + count++ * n, state->G + i * n, sizeof(double) * (size_t)n);
             }
             narrow(state, A, count, arena);

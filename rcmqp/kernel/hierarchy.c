@@ -123,6 +123,11 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     }
     for (int i = 0; i < n; ++i)
         open.v[i] = smaller(larger(open.v[i], open.lower[i]), open.upper[i]);
+    for (int i = n; i < N && !fits; ++i) /* out of the hard rows is no good place to start */
+        if (dot(open.G + i * n, open.v, n) > open.upper[i]) {
+            memcpy(open.v, start, sizeof(double) * (size_t)n);
+            break;
+        }
     arena->used = mark;
     return fits;
 }
@@ -216,6 +221,9 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     for (int i = 0; i < N; ++i) state->lower[i] *= unit, state->upper[i] *= unit;
     for (int i = 0; i < n; ++i)
         v[i] = smaller(larger(v[i] * unit, state->lower[i]), state->upper[i]);
+    for (int i = 0; i < n; ++i) /* the box as asked, whatever became of it in between */
+        if (hierarchy->lower[i] <= hierarchy->upper[i])
+            v[i] = smaller(larger(v[i], hierarchy->lower[i]), hierarchy->upper[i]);
     for (int i = 0; i < N; ++i) {
         const double Gv = dot(state->G + i * n, v, n), room = TOUCHING_TOL * larger(1.0, fabs(Gv));
         const double by = state->norms[i] > 0.0 ? state->norms[i] : 1.0;

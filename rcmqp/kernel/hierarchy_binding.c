@@ -7,6 +7,12 @@
 
 #include <math.h>
 
+/* Of the active set; 0 is for accounting alone. */
+#define MOST_ROUNDS 10000
+
+/* Rows, of levels or hard, that a problem may have. */
+#define MOST_ROWS 5000
+
 static PyObject *copied(const double *numbers, int rows, int columns)
 {
     npy_intp shape[2] = {rows, columns < 0 ? 0 : columns};
@@ -26,7 +32,8 @@ static int ask(void *backend, int level, const Problem *problem, const int *rows
         copied(problem->R, k, r), copied(problem->lower, k, -1), copied(problem->upper, k, -1));
     if (answer == NULL) return -1;
     const double *sides = numbers_of(answer, NPY_DOUBLE, k, "the backend's active set");
-    for (int i = 0; sides != NULL && i < k; ++i) guess[rows[i]] = sides[i];
+    for (int i = 0; sides != NULL && i < k; ++i)
+        guess[rows[i]] = (double)((sides[i] > 0.0) - (sides[i] < 0.0));
     Py_DECREF(answer);
     return sides == NULL ? -1 : 0;
 }
@@ -67,7 +74,7 @@ static int parts_of(PyObject *numbers, const Hierarchy *hierarchy, double **box,
     const npy_intp n = hierarchy->n, m = hierarchy->m, N = n + m, count = hierarchy->levels + 1;
     const npy_intp rows = (npy_intp)hierarchy->ends[count - 2];
     const npy_intp size = 3 * n + rows + m + 2 * N + count * (N + COLUMNS);
-    double *at = numbers_of(numbers, NPY_DOUBLE, size, "the answer's numbers");
+    double *at = space_of(numbers, size, "the answer's numbers");
     if (at == NULL) return 0;
     *box = at;
     solution->v = at += 2 * n;
@@ -83,7 +90,7 @@ static int parts_of(PyObject *numbers, const Hierarchy *hierarchy, double **box,
 static PyObject *solved(Hierarchy *hierarchy, PyObject *const *args, Arena *arena)
 {
     const npy_intp N = hierarchy->n + hierarchy->m, levels = hierarchy->levels;
-    double *guess = numbers_of(args[0], NPY_DOUBLE, (levels + 1) * N, "guess"), *box;
+    double *guess = space_of(args[0], (levels + 1) * N, "guess"), *box;
     Solution solution;
     if (guess == NULL || !parts_of(args[1], hierarchy, &box, &solution)) return NULL;
     const int asks = args[2] != Py_None;
@@ -118,6 +125,11 @@ static int check_levels(const Hierarchy *hierarchy, npy_intp rows)
         if (hierarchy->ends[k] < last) rising = 0;
         last = hierarchy->ends[k];
     }
+    if (rows > MOST_ROWS || hierarchy->m > MOST_ROWS) {
+        PyErr_Format(PyExc_ValueError, "%zd rows and %d hard rows; at most %d of each",
+                     (Py_ssize_t)rows, hierarchy->m, MOST_ROWS);
+        return 0;
+    }
     if (rising && last == rows && hierarchy->guarded >= 0 &&
         hierarchy->guarded <= hierarchy->levels)
         return 1;
@@ -148,8 +160,8 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
         NULL,
         numbers_of(args[3], NPY_DOUBLE, m * n, "C"),
         numbers_of(args[4], NPY_DOUBLE, m, "d"),
-        (int)PyLong_AsLong(args[5]),
-        (int)PyLong_AsLong(args[6]),
+        count_of(args[5], 1000, "guarded"),
+        count_of(args[6], MOST_ROUNDS, "max_rounds"),
     };
     double *box;
     Solution solution;
@@ -231,8 +243,8 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
     };
     hierarchy->n = (int)n, hierarchy->levels = (int)size_of(args[2]);
     hierarchy->ends = numbers_of(args[2], NPY_INT64, -1, "ends");
-    hierarchy->guarded = (int)PyLong_AsLong(args[5]);
-    hierarchy->max_rounds = (int)PyLong_AsLong(args[6]);
+    hierarchy->guarded = count_of(args[5], 1000, "guarded");
+    hierarchy->max_rounds = count_of(args[6], MOST_ROUNDS, "max_rounds");
     if (PyErr_Occurred()) return NULL;
     npy_intp rows = n;
     int known = 1;

@@ -43,7 +43,8 @@ int feasible(const Problem *problem, const double *y)
         const double Ry = dot(problem->R + i * r, y, r);
         const double over = larger(Ry - problem->upper[i], problem->lower[i] - Ry);
         size = larger(size, fabs(Ry));
-        if (!(over <= worst)) worst = over; /* NaN too */
+        if (!(over < INFINITY)) return 0; /* NaN too */
+        worst = larger(worst, over);
     }
     return worst <= FEASIBILITY_TOL * size;
 }

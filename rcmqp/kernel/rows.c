@@ -250,9 +250,9 @@ int rows_of_task(const double *line, int n)
     case RCM: return 2;
     case TIP: return 3;
     case ROLL: return 1;
-    case POSTURE:
-    case SRS_PRODUCT:
-    case MANIPULABILITY: return n;
+    case SRS_PRODUCT: return n == 7 ? n : -1;
+    case POSTURE: return n;
+    case MANIPULABILITY: return n >= 6 ? n : -1;
     }
     return -1;
 }

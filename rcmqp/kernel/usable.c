@@ -11,7 +11,7 @@ static int vector_of(PyObject *object, npy_intp size, const double **numbers)
 {
     PyArrayObject *array = (PyArrayObject *)object;
     if (!PyArray_Check(object) || PyArray_TYPE(array) != NPY_DOUBLE || PyArray_NDIM(array) != 1 ||
-        !PyArray_IS_C_CONTIGUOUS(array) || (size >= 0 && PyArray_SIZE(array) != size))
+        !PyArray_ISCARRAY_RO(array) || (size >= 0 && PyArray_SIZE(array) != size))
         return 0;
     *numbers = PyArray_DATA(array);
     for (npy_intp i = 0; i < PyArray_SIZE(array); ++i)

@@ -3,8 +3,8 @@
 The box is hard, level by level the rest is soft. The first level that is not reached ends where
 it should. With bounds active, later levels end above their lexicographic optimum, because DAQP
 keeps the earlier level's violated rows at their violation and its active bounds where they are.
-On 2000 random problems of the tests' shape (RCM 2 rows, tip 3, posture; 7 joints, bounds active
-in all) MEASURED.
+In one deliberately tight test its second level was above the optimum in 82 % of the steps, by
+13 % in the median.
 """
 
 from __future__ import annotations

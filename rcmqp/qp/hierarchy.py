@@ -65,8 +65,8 @@ class Hierarchy:
 
     def __init__(self, backend: str = "proxqp", *, max_rounds: int = 100, **options: Any) -> None:
         self.backend, self.max_rounds = backend, int(max_rounds)
-        if self.max_rounds < 1:
-            raise OptionError(f"max_rounds is {max_rounds}, it must be at least 1")
+        if not 1 <= self.max_rounds <= 10_000:
+            raise OptionError(f"max_rounds is {max_rounds}, it must be from 1 to 10000")
         self._options = _DEFAULTS.get(backend, {}) | options
         self._solvers: list[QPSolver] = []
         self._native: Any = None
@@ -148,7 +148,7 @@ class Hierarchy:
         return self._native is None
 
     def guess(self, answer: Answer) -> Array:
-        """(levels + 1, n + m) the active set of the last solve; the next one leaves its own."""
+        """(levels + 1, n + m) the active set found last, where one was needed."""
         shape = (answer.ends.size + 1, answer.n + answer.m)
         found = self._guesses.get(shape)
         if found is None:
@@ -203,8 +203,11 @@ def propose(
         np.full(r, -np.inf),
         np.full(r, np.inf),
     )
-    found = solver.solve(qp)
     z = np.zeros(len(R))
+    try:
+        found = solver.solve(qp)
+    except Exception:  # noqa: BLE001  (a proposal that is not made is one that failed)
+        return Status.STOPPED, z
     if found.status is not Status.SOLVED or not np.isfinite(found.v).all():
         return Status.STOPPED, z
     split = int(up.sum())
