@@ -77,6 +77,7 @@ class Arm:
         licence: of the model file.
         model: Pinocchio's model.
         flange: name of the frame that the instrument is mounted on.
+        jMflange: placement of the flange in the last joint's frame.
         home: (nv,) joint angles of the named starting pose [rad].
         lower, upper: (nv,) position limits [rad]; infinite for continuous joints.
         middle: (nv,) middle of the position limits; 0 for continuous joints.
@@ -106,8 +107,8 @@ class Arm:
         self.title, self.licence, self.urdf = title or name, licence, urdf
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
-        self._jMflange = frame.placement * offset
-        self._put_effector(self._jMflange)
+        self.jMflange = frame.placement * offset
+        self._put_effector(self.jMflange)
         self._q_shape, self._v_shape = (model.nq,), (model.nv,)
         self._still = _vector("still", np.zeros(model.nv), model.nv)
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
@@ -152,7 +153,7 @@ class Arm:
         """The same arm, with the effector at a fixed placement seen from the flange."""
         arm = object.__new__(Arm)
         arm.__dict__.update(self.__dict__)
-        arm._put_effector(self._jMflange * flangeMe)
+        arm._put_effector(self.jMflange * flangeMe)
         return arm
 
     def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:

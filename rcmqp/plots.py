@@ -15,11 +15,12 @@ from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import RunFileError
 from rcmqp.loading import arm_title
+from rcmqp.palette import COLOURS
 from rcmqp.run import Run
 
-# Okabe and Ito's palette, told apart by the colour-blind too.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", "-.", ":")
+FLOOR_MM = 1e-13
+"""Where a logarithmic axis ends at the latest [mm]; what is less, as zero is, is drawn there."""
 SHAFTS = 7
 """How many times the shaft is drawn along a trajectory."""
 
@@ -40,21 +41,35 @@ def trajectory_figure(runs: Sequence[Run]) -> Figure:
 
 
 def error_figure(runs: Sequence[Run], *, logarithmic: bool = False) -> Figure:
-    """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3."""
+    """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3.
+
+    What all runs share of arm and period is the title; the legend says the rest.
+    """
     figure = Figure(figsize=(8.0, 5.4), layout="constrained")
-    tip, rcm = figure.subplots(2, 1, sharex=True)
-    for i, run in enumerate(runs):
-        style = {
-            "color": COLOURS[i % len(COLOURS)],
-            "linestyle": STYLES[i % len(STYLES)],
-            "linewidth": 1.4,
-        }
-        tip.plot(run.time, 1e3 * run.tip_error, label=_label(run), **style)
-        rcm.plot(run.time, 1e3 * run.rcm_error, **style)
-    _label_axes(tip, "tip error [mm]", logarithmic)
-    _label_axes(rcm, "RCM error [mm]", logarithmic)
-    rcm.set_xlabel("time [s]")
-    figure.legend(loc="outside upper center", ncols=min(len(runs), 2), frameon=False)
+    axes = figure.subplots(2, 1, sharex=True)
+    title, labels = _title_and_labels(runs)
+    for plot, name in zip(axes, ("tip", "RCM"), strict=True):
+        errors = [1e3 * getattr(run, f"{name.lower()}_error") for run in runs]
+        if logarithmic:
+            errors = [np.maximum(error, FLOOR_MM) for error in errors]
+        for i, (run, error) in enumerate(zip(runs, errors, strict=True)):
+            plot.plot(
+                run.time,
+                error,
+                label=labels[i],
+                color=COLOURS[i % len(COLOURS)],
+                linestyle=STYLES[i % len(STYLES)],
+                linewidth=1.4,
+            )
+        _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])
+    axes[0].set_title(title, fontsize=10)
+    axes[1].set_xlabel("time [s]")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(),
+        loc="outside upper center",
+        ncols=4 if max(map(len, labels)) < 18 else 2,
+        frameon=False,
+    )
     return figure
 
 
@@ -119,15 +134,37 @@ def _from_trocar(run: Run, points: Array) -> Array:
 
 
 def _label(run: Run) -> str:
-    period = f"T = {1e3 * run.period:g} ms"
-    return f"{arm_title(run.scenario.arm)}, {run.controller}, {period}"
+    return ", ".join(_marks(run).values())
 
 
-def _label_axes(axes: Axes, label: str, logarithmic: bool) -> None:
+def _marks(run: Run) -> dict[str, str]:
+    """What a run is told apart by."""
+    return {
+        "arm": arm_title(run.scenario.arm),
+        "controller": run.controller,
+        "period": f"T = {1e3 * run.period:g} ms",
+    }
+
+
+def _title_and_labels(runs: Sequence[Run]) -> tuple[str, list[str]]:
+    """What all runs share of arm and period, and each run's controller with what they do not."""
+    marks = [_marks(run) for run in runs]
+    shared = [name for name in ("arm", "period") if len({mark[name] for mark in marks}) == 1]
+    labels = [
+        ", ".join(text for name, text in mark.items() if name not in shared) for mark in marks
+    ]
+    return ", ".join(marks[0][name] for name in shared), labels
+
+
+def _label_axes(axes: Axes, label: str, errors: Sequence[Array]) -> None:
+    """Label and limit an axis; a logarithmic one, if given errors, starts below all of them.
+
+    Their lowest hundredth does not count, or the zero of a start would set the scale.
+    """
     axes.set_ylabel(label)
-    if logarithmic:
+    if errors:
         axes.set_yscale("log")
-        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-6))
+        axes.set_ylim(bottom=0.5 * min(float(np.quantile(error, 0.01)) for error in errors))
     else:
         axes.set_ylim(bottom=0.0)
     axes.grid(alpha=0.3)

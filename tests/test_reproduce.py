@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,25 @@ def test_the_error_figure_draws_both_errors_of_every_run_in_mm(runs: list[Run]) 
             assert np.array_equal(error, 1e3 * getattr(run, name))
     styles = [line.get_linestyle() for line in figure.axes[0].get_lines()]
     assert styles == ["-", "--"]  # the paper's: Schunk solid, Meka dashed
+
+
+def test_a_logarithmic_figure_shows_every_curve_that_its_legend_names(runs: list[Run]) -> None:
+    first = runs[0]
+    zero = dataclasses.replace(first, tip_error=0.0 * first.tip_error)
+    tiny = dataclasses.replace(first, tip_error=np.full_like(first.tip_error, 1e-15))
+    figure = plots.error_figure([first, zero, tiny] + 5 * [first], logarithmic=True)
+    low, high = figure.axes[0].get_ylim()
+    for _, error in lines(figure, 0):
+        assert np.mean((low < error) & (error < high)) > 0.98
+    assert len({line.get_color() for line in figure.axes[0].get_lines()}) == 8
+
+
+def test_what_all_runs_share_is_the_title_of_the_error_figure(runs: list[Run]) -> None:
+    figure = plots.error_figure([runs[0], dataclasses.replace(runs[0], controller="other")])
+    assert figure.axes[0].get_title() == "Schunk LWA3, T = 10 ms"
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["dual_quaternion", "other"]
+    assert plots.error_figure(runs).axes[0].get_title() == "T = 10 ms"
 
 
 def test_the_trajectory_figure_starts_below_the_trocar_at_the_starts_depth(

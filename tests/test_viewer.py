@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from helpers import assert_allclose
 
@@ -92,7 +91,7 @@ def test_a_gripper_makes_way_for_the_instrument() -> None:
     assert len(on_last) == 1  # link 7; hand and fingers are left out
 
 
-def test_an_arm_without_shapes_is_drawn_as_rods(tmp_path: Path) -> None:
+def test_an_arm_without_shapes_is_rods_from_base_to_flange(tmp_path: Path) -> None:
     file = tmp_path / "bare.urdf"
     lwa3 = load_arm("lwa3").urdf
     assert lwa3 is not None
@@ -101,12 +100,15 @@ def test_an_arm_without_shapes_is_drawn_as_rods(tmp_path: Path) -> None:
     file.write_text(head + "".join(link.split("</visual>", 1)[1] for link in links))
     arm = load_arm(file, "flange", home=load_arm("lwa3").home)
     parts = arm_parts(arm)
-    ends = [
-        pin.SE3(arm.model.jointPlacements[i + 1]).translation
-        for i in range(arm.nv)
-        if np.linalg.norm(arm.model.jointPlacements[i + 1].translation) > 0.1
-    ]
-    assert len(parts) == arm.nv + len(ends)
+    frame = arm.model.frames[arm.model.getFrameId("flange")]
+    ends = [*(arm.model.jointPlacements[i + 1] for i in range(arm.nv)), frame.placement]
+    middles = {i: end.translation / 2 for i, end in enumerate(ends) if end.translation.any()}
+    assert {0, arm.nv} <= set(middles)
+    rods = [part for part in parts if part.joint in middles and part.placement[:3, 3].any()]
+    assert [part.joint for part in rods] == list(middles)
+    for part in rods:
+        assert_allclose(part.placement[:3, 3], middles[part.joint], atol=1e-12)
+    assert len(parts) == arm.nv + len(rods)
 
 
 def test_runs_are_told_apart_by_what_differs(run: Run) -> None:

@@ -18,10 +18,11 @@ from helpers import assert_allclose
 from rcmqp import Run, Scenario, make_controller, simulate
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
+from rcmqp.palette import COLOURS
 from rcmqp.paths import ViewMoves
 from rcmqp.scene import Sphere
 from rcmqp.viewer.browser import browser, open_page
-from rcmqp.viewer.build import COLOURS, write_page
+from rcmqp.viewer.build import write_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -96,7 +97,7 @@ def test_the_page_opens_offline_without_errors_or_requests(opened: Opened) -> No
 
 def test_the_scene_shows_arm_trocar_wall_trails_and_obstacles(shown: Opened) -> None:
     whole = shown.picture("rcmqp.seek(1.8)")
-    for name in ("arm", "trocar", "wall", "trails", "wished", "obstacles"):
+    for name in ("arm", "trocar", "wall", "trails", "desired", "obstacles"):
         without = shown.picture(f"rcmqp.show('{name}', false)")
         shown.js("name => rcmqp.show(name, true)", name)
         changed = np.abs(whole - without).max(axis=-1) > 12.0
@@ -169,9 +170,9 @@ def test_the_endoscope_sees_the_target_where_it_projects_to(
 ) -> None:
     run = runs[0]
     image = shown.picture(
-        f"rcmqp.show('wished', false), rcmqp.seek({run.time[k]})", which="endoscope"
+        f"rcmqp.show('desired', false), rcmqp.seek({run.time[k]})", which="endoscope"
     )
-    shown.js("rcmqp.show('wished', true)")
+    shown.js("rcmqp.show('desired', true)")
     size = image.shape[0]
     assert image.shape[1] == size
     red, green, blue = np.moveaxis(image, -1, 0)
@@ -200,13 +201,25 @@ def test_clicking_a_plot_jumps_in_time(shown: Opened, runs: list[Run]) -> None:
         cursor = shown.page.locator("#cursor").bounding_box()
         assert cursor is not None
         assert cursor["x"] == pytest.approx(box["x"] + share * box["width"], abs=2.0)
+        last = shown.page.locator("rect.nsewdrag[data-subplot='xy4']").bounding_box()
+        assert last is not None
+        assert cursor["y"] + cursor["height"] == pytest.approx(last["y"] + last["height"], abs=1.0)
+
+
+def test_ticks_of_small_errors_are_short_enough_to_be_whole(shown: Opened) -> None:
+    ticks = [shown.page.locator(f"#figure .y{i}tick").all_text_contents() for i in ("", 2, 3, 4)]
+    assert all(ticks)
+    assert any("e\u2212" in text for text in ticks[1])
+    assert max(len(text) for texts in ticks for text in texts) <= 6
 
 
 def test_the_slip_is_drawn_as_many_times_as_asked(shown: Opened, runs: list[Run]) -> None:
     k = int(np.argmax(runs[0].rcm_error))
     shown.seek(runs[0].time[k])
     text = shown.page.locator("#slip").inner_text()
-    assert f"{1e6 * runs[0].rcm_error[k]:.2f}" in text
+    _, _, size, unit = text.partition(",")[0].split()
+    assert unit == "mm"
+    assert float(size) == pytest.approx(1e3 * runs[0].rcm_error[k], rel=6e-3)
     for factor in (10, 1000):
         shown.page.locator("#magnify").select_option(str(factor))
         assert f"\u00d7{factor}" in shown.page.locator("#slip").inner_text()

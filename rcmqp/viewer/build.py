@@ -17,14 +17,12 @@ import rcmqp
 from rcmqp.errors import RcmqpError, RunFileError, ViewError
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
+from rcmqp.palette import COLOURS
 from rcmqp.run import Run, check_writable
 from rcmqp.scenario import Scenario
 from rcmqp.viewer.bundle import Bundle, compressed
 from rcmqp.viewer.table import metrics_table, versions_text
 from rcmqp.viewer.timeline import curves, frames
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's palette, told apart by the colour-blind too; one a run."""
 
 MAY_DIFFER = ("period", "seed")
 """Fields of a scenario that may differ between runs of one page."""

@@ -49,7 +49,7 @@ class Part:
 
 
 def arm_parts(arm: Arm) -> list[Part]:
-    """The arm's shapes: its URDF's, or, without any that can be read, cylinders joint to joint.
+    """The arm's shapes: its URDF's, or, without any that can be read, cylinders base to flange.
 
     What the URDF mounts beyond the flange, such as a gripper, is left out: there the instrument
     is mounted.
@@ -152,12 +152,15 @@ def _picture(path: Path) -> str:
 
 
 def _chain_parts(arm: Arm) -> list[Part]:
-    """Cylinders from joint to joint and balls on the joints, for an arm without shapes."""
+    """For an arm without shapes: cylinders from the base over the joints to the flange.
+
+    A ball is on each joint.
+    """
     parts = []
-    placements = [*arm.model.jointPlacements[1:]]
-    for i, placement in enumerate(placements):
-        parts.append(Part(i + 1, np.eye(4), _mesh(g.Sphere(1.25 * CHAIN_RADIUS)), GREY))
-        parts.extend(_rod(i, placement.translation))
+    for i, end in enumerate([*arm.model.jointPlacements[1:], arm.jMflange]):
+        if i > 0:
+            parts.append(Part(i, np.eye(4), _mesh(g.Sphere(1.25 * CHAIN_RADIUS)), GREY))
+        parts.extend(_rod(i, end.translation))
     return parts
 
 

@@ -9,10 +9,10 @@ from rcmqp.metrics import Metrics, compute_metrics
 from rcmqp.run import Run
 
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
-    ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.4f}"),
-    ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.4f}"),
-    ("RCM error, rms [mm]", lambda m: f"{m.rcm_rms_mm:.5f}"),
-    ("RCM error, max [mm]", lambda m: f"{m.rcm_max_mm:.5f}"),
+    ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.3g}"),
+    ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.3g}"),
+    ("RCM error, rms [mm]", lambda m: f"{m.rcm_rms_mm:.3g}"),
+    ("RCM error, max [mm]", lambda m: f"{m.rcm_max_mm:.3g}"),
     ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
     ("depth of the tip [mm]", lambda m: f"{m.depth_min_mm:.1f} to {m.depth_max_mm:.1f}"),
     ("joint speed over its limit, max", lambda m: f"{m.speed_ratio_max:.3f}"),

@@ -32,9 +32,9 @@ function seek(t) {
   $("clock").textContent = `${state.time.toFixed(2)} / ${duration.toFixed(2)} s`;
   data.runs.forEach((run, i) => {
     const [, tip, rcm, depth] = $("legend").querySelectorAll("tbody tr")[i].cells;
-    tip.textContent = micrometres(sample(run, "tip_error", state.time)[0]);
-    rcm.textContent = micrometres(Math.hypot(...sample(run, "slip", state.time)));
-    depth.textContent = `${(1e3 * sample(run, "depth", state.time)[0]).toFixed(1)} mm`;
+    tip.textContent = millimetres(sample(run, "tip_error", state.time)[0]);
+    rcm.textContent = millimetres(Math.hypot(...sample(run, "slip", state.time)));
+    depth.textContent = (1e3 * sample(run, "depth", state.time)[0]).toFixed(1);
   });
 }
 

@@ -22,10 +22,15 @@ class Plots {
     this.figure.addEventListener("pointermove", (event) => event.buttons & 1 && jump(event), true);
   }
 
+  // The largest value of each run.
+  maxima(name) {
+    return this.runs.map((run) => run.curves[name][1].reduce((a, b) => Math.max(a, b), 0));
+  }
+
   // Maxima that lie far apart need a logarithmic axis, or the small ones are a line at zero: its
   // range in powers of ten, or false.
   logarithmic(name) {
-    const most = this.runs.map((run) => run.curves[name][1].reduce((a, b) => Math.max(a, b), 0));
+    const most = this.maxima(name);
     const [least, greatest] = [Math.min(...most), Math.max(...most)];
     const apart = name.endsWith("_error") && least > 0 && greatest > FAR_APART * least;
     return apart && [Math.log10(least) - 1, Math.log10(greatest) + 0.3];
@@ -52,8 +57,9 @@ class Plots {
       const top = 1 - row * (height + gap);
       const log = this.logarithmic(name);
       layout[y.replace("y", "yaxis")] = {
-        ...grid, domain: [top - height, top], nticks: 4, fixedrange: true, tickformat: "~g",
-        ...(log ? { type: "log", range: log, dtick: 1, tickformat: "~r" } : { rangemode: "tozero" }),
+        ...grid, domain: [top - height, top], nticks: 4, fixedrange: true,
+        tickformat: log || Math.max(...this.maxima(name)) < 1e-2 ? "~e" : "~g",
+        ...(log ? { type: "log", range: log, dtick: Math.ceil((log[1] - log[0]) / 5) } : { rangemode: "tozero" }),
       };
       layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left",
         yanchor: "bottom", showarrow: false, font: { size: 11.5, color: colour("ink") } });
@@ -68,16 +74,18 @@ class Plots {
       });
     });
     return Plotly.react(this.figure, traces, layout, { displayModeBar: false, responsive: true })
-      .then(() => this.move(this.time ?? 0));
+      .then(() => {
+        this.watched ??= this.figure.on("plotly_afterplot", () => this.move(this.time)); // resized
+        this.move(this.time ?? 0);
+      });
   }
 
   move(t) {
     this.time = t;
-    const axis = this.figure._fullLayout?.xaxis;
+    const { xaxis: axis, yaxis: first, [`yaxis${PLOTS.length}`]: last } = this.figure._fullLayout ?? {};
     if (!axis) return;
-    const { _size: size } = this.figure._fullLayout;
-    this.cursor.style.top = `${size.t}px`;
-    this.cursor.style.bottom = `${size.b}px`;
+    this.cursor.style.top = `${first._offset}px`;
+    this.cursor.style.height = `${last._offset + last._length - first._offset}px`;
     this.cursor.style.transform = `translateX(${axis._offset + axis.l2p(t)}px)`;
   }
 }

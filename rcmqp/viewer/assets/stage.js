@@ -2,8 +2,8 @@
 
 const VIEW_ANGLE = 26; // of the outside camera [deg]
 const THEMES = {
-  light: { paper: 0xffffff, wished: 0xb4bac0, shadow: 0.16 },
-  dark: { paper: 0x15181c, wished: 0x6b747d, shadow: 0.45 },
+  light: { paper: 0xffffff, desired: 0xb4bac0, shadow: 0.16 },
+  dark: { paper: 0x15181c, desired: 0x6b747d, shadow: 0.45 },
 };
 const TARGET = 0xf0e442;
 
@@ -61,7 +61,7 @@ class Stage {
       this.add("targets", makeBall(centre, 0.003, standard(TARGET, { emissive: 0x554d00 })), this.moving);
     for (const { centre, radius } of scene.obstacles)
       this.add("obstacles", makeBall(centre, radius, standard(0x8d6f8f, { transparent: true, opacity: 0.85 })));
-    this.wished = this.add("wished", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 4.3 + 2.2 * runs.length));
+    this.desired = this.add("desired", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 4.3 + 2.2 * runs.length));
     this.trails = runs.map((run, i) => {
       const { points, times } = trail(run, "tip");
       const line = this.add("trails", thickLine(points, run.colour, 2.4));
@@ -186,7 +186,7 @@ class Stage {
   theme(name) {
     const theme = THEMES[name];
     this.viewer.renderer.setClearColor(theme.paper, 1);
-    this.wished.material.uniforms.colour.value.set(theme.wished);
+    this.desired.material.uniforms.colour.value.set(theme.desired);
     this.floor.material.opacity = theme.shadow;
     this.dirty = true;
   }
@@ -269,10 +269,12 @@ class Stage {
   // How large the RCM error is; it stands in a corner of the close-up, or of the pane without one.
   label(size) {
     const text = this.pane.querySelector("#slip");
-    text.textContent = `RCM error ${micrometres(size)}, drawn \u00d7${this.magnify}`;
+    text.textContent = `RCM error ${millimetres(size)} mm, drawn \u00d7${this.magnify}`;
   }
 }
 
-function micrometres(x) {
-  return x < 1e-3 ? `${(1e6 * x).toFixed(x < 1e-5 ? 2 : 1)} \u00b5m` : `${(1e3 * x).toFixed(2)} mm`;
+// Three significant digits [mm] of a length [m].
+function millimetres(x) {
+  const mm = 1e3 * x;
+  return mm === 0 ? "0" : mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3);
 }
