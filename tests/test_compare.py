@@ -17,7 +17,7 @@ from rcmqp.cli import main
 from rcmqp.compare import TIMES, Row, as_markdown, cases, compare
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 
-TODO = cases(
+CASES = cases(
     ["conical_helix"], ["ur5", "panda"], ["dual-quaternion", "task_priority"], {"duration": 0.2}
 )
 
@@ -31,17 +31,17 @@ def numbers(rows: list[Row]) -> list[dict[str, object]]:
 
 def test_the_rows_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
     done: list[int] = []
-    one = compare(TODO, tmp_path / "one", progress=done.append)
-    two = compare(TODO, tmp_path / "two", jobs=2)
+    one = compare(CASES, tmp_path / "one", progress=done.append)
+    two = compare(CASES, tmp_path / "two", jobs=2)
     assert numbers(one) == numbers(two)
     assert [(row.arm, row.controller) for row in one] == [
         (arm, name) for arm in ("ur5", "panda") for name in ("dual_quaternion", "task_priority")
     ]
-    assert sum(done) == len(TODO)
+    assert sum(done) == len(CASES)
 
 
 def test_every_file_is_written_and_holds_the_rows(tmp_path: Path) -> None:
-    rows = compare(TODO[:2], tmp_path)
+    rows = compare(CASES[:2], tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
         "comparison.csv",

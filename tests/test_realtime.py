@@ -240,7 +240,7 @@ def is_gone(k: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Spoilt(Controller):
-    """Answers ``answer`` from its tenth command on, or raises it."""
+    """Answers ``answer`` from its tenth command on, or raises it, past the usual safe stop."""
 
     name: ClassVar[str] = "spoilt"
 
@@ -248,15 +248,14 @@ class Spoilt(Controller):
     answer: Any = None
     before: Any = None
 
-    def step(self, state: ArmState, reference: Reference) -> Command:
+    def _step(self, state: ArmState, reference: Reference) -> Command:
         if len(self.robot.sent) < 10:
             return Command(np.full(7, 0.2) if self.before is None else self.before)
         if isinstance(self.answer, Exception):
             raise self.answer
         return Command(self.answer)
 
-    def _step(self, state: ArmState, reference: Reference) -> Command:
-        raise NotImplementedError
+    step = _step
 
 
 FAULTS: dict[str, tuple[str, Callable[[rcmqp.Insertion, Clock], dict[str, Any]]]] = {
