@@ -222,3 +222,10 @@ def test_wrong_pictures_are_refused_before_the_browser_starts(
         capture.video([run], tmp_path / "x.mp4", size=(641, 480))
     with pytest.raises(OptionError, match="speed"):
         capture.video([run], tmp_path / "x.mp4", speed=0.0)
+
+
+def test_a_peak_beside_a_missing_number_is_kept() -> None:
+    values = np.ones(10_000)
+    values[5000], values[5001] = 9.0, np.nan
+    _, kept = envelope(np.arange(10_000.0), values)
+    assert np.nanmax(kept) == 9.0

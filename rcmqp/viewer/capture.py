@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,24 +95,42 @@ def video(
     pictures = max(2, math.ceil(duration / speed * RATE) + 1)
     command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(RATE)]
     command += ["-c:v", "mjpeg", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
-    command += ["-crf", "18", "-movflags", "+faststart", str(Path(path).resolve())]
-    with opened(runs, size, _pane(camera), dark=dark) as page:
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
-            assert encoder.stdin is not None
-            assert encoder.stderr is not None
-            try:
-                for k in range(pictures):
-                    now = min(duration, k * speed / RATE)
-                    page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", now)
-                    encoder.stdin.write(page.screenshot(type="jpeg", quality=95))
-                    progress(1, pictures)
-                encoder.stdin.close()
-            except BrokenPipeError:
-                pass  # ffmpeg gave up; what it said follows
-            said = encoder.stderr.read().decode(errors="replace").strip()
-    if encoder.returncode:
-        raise RunFileError(Path(path), f"ffmpeg could not write it: {said}")
+    whole = Path(path).resolve()
+    part = whole.with_name(f".{os.getpid()}.{whole.name}")  # takes the name when it is whole
+    command += ["-crf", "18", "-movflags", "+faststart", str(part)]
+    try:
+        with opened(runs, size, _pane(camera), dark=dark) as page:
+            times = (min(duration, k * speed / RATE) for k in range(pictures))
+            said = _encoded(command, page, times, lambda: progress(1, pictures))
+        if said:
+            raise RunFileError(Path(path), f"ffmpeg could not write it: {said}")
+        part.replace(whole)
+    finally:
+        part.unlink(missing_ok=True)
     return Path(path)
+
+
+def _encoded(
+    command: Sequence[str], page: Page, times: Iterable[float], done: Callable[[], None]
+) -> str:
+    """Pictures of the page at ``times`` [s], one after the other into ffmpeg.
+
+    Returns:
+        What ffmpeg said where it failed; empty where it did not.
+    """
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+        assert encoder.stdin is not None
+        assert encoder.stderr is not None
+        try:
+            for time in times:
+                page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
+                encoder.stdin.write(page.screenshot(type="jpeg", quality=95))
+                done()
+            encoder.stdin.close()
+        except BrokenPipeError:
+            pass  # ffmpeg gave up; what it said follows
+        said = encoder.stderr.read().decode(errors="replace").strip()
+    return said or "no reason given" if encoder.returncode else ""
 
 
 def _checked(

@@ -79,8 +79,10 @@ def envelope(time: Array, values: Array, bins: int = BINS) -> tuple[Array, Array
         return time, values
     edges = np.linspace(0, n, bins + 1).astype(int)
     kept = {0, n - 1}
+    missing = np.isnan(values)
+    least, largest = np.where(missing, np.inf, values), np.where(missing, -np.inf, values)
     for low, high in itertools.pairwise(edges):
-        stretch = values[low:high]
-        kept.update((low + int(stretch.argmin()), low + int(stretch.argmax())))
+        kept.add(low + int(least[low:high].argmin()))
+        kept.add(low + int(largest[low:high].argmax()))
     rows = np.array(sorted(kept))
     return time[rows], values[rows]
