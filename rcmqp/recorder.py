@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import hashlib
-import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -19,7 +16,8 @@ from rcmqp.controllers.base import SAFE_STOP, Controller
 from rcmqp.derived import Derived
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError
-from rcmqp.run import CHECKED, FORMAT, FORMAT_VERSION, Run, check_writable
+from rcmqp.head import CHECKED, Head, about
+from rcmqp.run import channels, check_writable
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -162,15 +160,13 @@ class Recorder:
             return
         rows = {name: values[:n] for name, values in self._rows.items()}
         arrays = {**rows, **self._derived.of(rows)}
-        about = {item.name: item.metadata for item in _channels()}
+        meanings = {item.name: item.metadata for item in channels()}
         numbers = {**SAFE_STOP, **self._controller.diagnostics}
         try:
-            for name in arrays.keys() & about.keys():
-                self._put(name, arrays[name], about[name])
+            for name in arrays.keys() & meanings.keys():
+                self._put(name, arrays[name], meanings[name])
             for name, values in self._diagnostics.items():
-                known = numbers.get(name, ("", "(n,) see the controller"))
-                meaning = dict(zip(("unit", "meaning"), known, strict=True))
-                self._put(f"diagnostics/{name}", values[:n], meaning)
+                self._put(f"diagnostics/{name}", values[:n], about(name, numbers))
                 values[:] = np.nan
         except (OSError, RuntimeError) as error:  # h5py raises either
             raise RunFileError(self._path, f"could not be written: {error}") from error
@@ -196,40 +192,19 @@ class Recorder:
             "velocity_limit": arm.velocity,
             "acceleration_limit": arm.acceleration,
         }
-        for item in _channels():
+        for item in channels():
             if item.name in fixed:
                 dataset = file.create_dataset(item.name, data=fixed[item.name], **CHECKED)
                 dataset.attrs.update(item.metadata)
-        file.create_dataset("stops", data=json.dumps(self._stops))
-        file.attrs["format"] = FORMAT
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["scenario"] = scenario.to_json()
-        file.attrs["controller"] = controller.name
-        file.attrs["options"] = json.dumps(controller.options)
-        file.attrs["versions"] = json.dumps(self._versions)
-        file.attrs["joints"] = json.dumps(arm.joints)
-        file.attrs["urdf_sha256"] = arm.sha256
-        file.attrs["seed"] = scenario.seed
-        file.attrs["digest"] = self._digest()
-
-    def _digest(self) -> str:
-        """Run.digest of what the file holds, read block by block."""
-        controller, sha = self._controller, hashlib.sha256()
-        names = [item.name for item in _channels() if item.name != "solve_time"]
-        datasets = {name: self._file[name] for name in names} | dict(self._file["diagnostics"])
-        for name in sorted(datasets):
-            dataset = datasets[name]
-            sha.update(f"{name} {dataset.shape} {dataset.dtype}".encode())
-            for first in range(0, len(dataset), self._size):
-                sha.update(np.ascontiguousarray(dataset[first : first + self._size]).tobytes())
-        sha.update(json.dumps(controller.insertion.arm.joints).encode())
-        sha.update(self._scenario.to_json().encode())
-        sha.update(controller.insertion.arm.sha256.encode())
-        sha.update(json.dumps([controller.name, controller.options], sort_keys=True).encode())
-        if self._stops:
-            sha.update(json.dumps(self._stops).encode())
-        return sha.hexdigest()
-
-
-def _channels() -> Iterator[dataclasses.Field[Any]]:
-    return (item for item in dataclasses.fields(Run) if "unit" in item.metadata)
+        head = Head(
+            scenario,
+            controller.name,
+            controller.options,
+            self._versions,
+            arm.joints,
+            arm.sha256,
+            self._stops,
+        )
+        arrays = {item.name: file[item.name] for item in channels()} | dict(file["diagnostics"])
+        del arrays["solve_time"]
+        head.write(file, head.digest(arrays, block=self._size))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -15,15 +14,13 @@ import numpy as np
 
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import ArmError, RcmqpError, RunFileError
+from rcmqp.head import CHECKED, FORMAT, FORMAT_VERSION, Head, about
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
     import h5py
 
-FORMAT = "rcmqp run"
-FORMAT_VERSION = 2
-CHECKED = {"fletcher32": True}  # each dataset carries checksums, verified on reading
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -104,19 +101,21 @@ class Run:
 
         Solve times and versions, which say how it was made, do not count.
         """
-        sha = hashlib.sha256()
         arrays = {**self.arrays(), **self.diagnostics}
-        for name in sorted(arrays.keys() - {"solve_time"}):
-            array = np.ascontiguousarray(arrays[name])
-            sha.update(f"{name} {array.shape} {array.dtype}".encode())
-            sha.update(array.tobytes())
-        sha.update(json.dumps(self.joints).encode())
-        sha.update(self.scenario.to_json().encode())
-        sha.update(self.urdf_sha256.encode())
-        sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
-        if self.stops:
-            sha.update(json.dumps(self.stops).encode())
-        return sha.hexdigest()
+        del arrays["solve_time"]
+        return self._head.digest(arrays, block=max(1, len(self.time)))
+
+    @property
+    def _head(self) -> Head:
+        return Head(
+            self.scenario,
+            self.controller,
+            self.options,
+            self.versions,
+            self.joints,
+            self.urdf_sha256,
+            self.stops,
+        )
 
     def __eq__(self, other: object) -> bool:
         """Whether every number, name and version is the same, solve times too."""
@@ -146,7 +145,7 @@ class Run:
 
     def arrays(self) -> dict[str, Array]:
         """The arrays with a unit, by name."""
-        return {item.name: getattr(self, item.name) for item in _channels()}
+        return {item.name: getattr(self, item.name) for item in channels()}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one HDF5 file; there is a whole file afterwards or none.
@@ -169,25 +168,14 @@ class Run:
             part.unlink(missing_ok=True)
 
     def _write(self, file: h5py.File) -> None:
-        file.attrs["format"] = FORMAT
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["scenario"] = self.scenario.to_json()
-        file.attrs["controller"] = self.controller
-        file.attrs["options"] = json.dumps(dict(self.options))
-        file.attrs["versions"] = json.dumps(dict(self.versions))
-        file.attrs["joints"] = json.dumps(self.joints)
-        file.attrs["urdf_sha256"] = self.urdf_sha256
-        file.attrs["seed"] = self.scenario.seed
-        file.attrs["digest"] = self.digest
-        for item in _channels():
+        self._head.write(file, self.digest)
+        for item in channels():
             dataset = file.create_dataset(item.name, data=getattr(self, item.name), **CHECKED)
             dataset.attrs.update(item.metadata)
-        file.create_dataset("stops", data=json.dumps(self.stops))
         group = file.create_group("diagnostics")
         for name, values in self.diagnostics.items():
-            unit, meaning = self.about_diagnostics.get(name, ("", "(n,) see the controller"))
             dataset = group.create_dataset(name, data=values, **CHECKED)
-            dataset.attrs.update(unit=unit, meaning=meaning)
+            dataset.attrs.update(about(name, self.about_diagnostics))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Run:
@@ -243,7 +231,7 @@ class Run:
                 name: (data.attrs["unit"], data.attrs["meaning"])
                 for name, data in file["diagnostics"].items()
             },
-            **{item.name: file[item.name][()] for item in _channels()},
+            **{item.name: file[item.name][()] for item in channels()},
         )
         if run.digest != file.attrs["digest"]:
             raise RunFileError(path, "damaged: its numbers do not fit its digest")
@@ -289,5 +277,6 @@ def _part(path: Path) -> Path:
     return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 
-def _channels() -> list[dataclasses.Field[Any]]:
+def channels() -> list[dataclasses.Field[Any]]:
+    """The fields of Run that are arrays; unit and meaning are their metadata."""
     return [item for item in dataclasses.fields(Run) if "unit" in item.metadata]
