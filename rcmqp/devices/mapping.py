@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 from rcmqp.errors import OptionError
 from rcmqp.instrument import Vector3
-from rcmqp.reference import ViewCommand
+from rcmqp.reference import ViewCommand, view_of_tip
 
 SHALLOWEST = 0.01
 """The least depth of the tip that a hand may ask for [m]: a view must stay inside."""
@@ -46,16 +47,8 @@ class HandMapping:
         u, v, w = s * velocity[0], s * velocity[1], s * velocity[2]
         if d < SHALLOWEST:
             d, w = SHALLOWEST, 0.0
-        h = math.hypot(x, d)
-        h_dot = (x * u + d * w) / h
-        return ViewCommand(
-            alpha=math.atan2(x, d),
-            beta=-math.atan2(y, h),
-            t_z=d - tip_depth,
-            alpha_dot=(d * u - x * w) / (h * h),
-            beta_dot=(y * h_dot - h * v) / (h * h + y * y),
-            t_z_dot=w,
-        )
+        towards = view_of_tip((x, y, d), (u, v, w), tip_depth)
+        return dataclasses.replace(towards, t_z=d - tip_depth, t_z_dot=w)
 
     def way(self, p: Vector3, tip_depth: float) -> Vector3:
         """The hand's way (3,) [m] that brings the tip to ``p``; inverse of view().
