@@ -55,6 +55,7 @@ def step(
     /,
 ) -> tuple[float, ...]: ...
 def usable(
+    J_local: Array,
     q: Array,
     v: Array,
     x_d: Array,

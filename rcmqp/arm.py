@@ -171,7 +171,7 @@ class Arm:
         model, data, effector = self._kinematics, self._data, self._effector
         pin.computeJointJacobians(model, data, q)  # runs forward kinematics too
         oMe = pin.updateFramePlacement(model, data, effector)
-        J_local = pin.getFrameJacobian(model, data, effector, _LOCAL)
+        J_local = np.ascontiguousarray(pin.getFrameJacobian(model, data, effector, _LOCAL))
         x = _kernel.from_xyzquat(pin.SE3ToXYZQUAT(oMe))
         J_local.setflags(write=False)
         x.setflags(write=False)
@@ -252,7 +252,7 @@ class Arm:
 
     def _put_effector(self, jMe: pin.SE3) -> None:
         """Put the effector at a placement seen from the last joint: a frame of its own."""
-        self._jMe, self._kinematics = jMe, self.model.copy()
+        self._kinematics = self.model.copy()
         effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
         self._effector = self._kinematics.addFrame(effector)
         self._data = self._kinematics.createData()

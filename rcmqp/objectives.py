@@ -101,7 +101,7 @@ class Manipulability(Objective):
         """Value m and gradient (nv,)."""
         if state.J_local.shape[1] < 6:
             return self.formula(state)
-        return _kernel.manipulability_measure(np.ascontiguousarray(state.J_local))
+        return _kernel.manipulability_measure(state.J_local)
 
     def formula(self, state: ArmState) -> tuple[float, Array]:
         """What evaluate() computes."""

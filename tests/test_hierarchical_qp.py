@@ -23,7 +23,7 @@ from rcmqp import (
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.qp import HierarchySolution, SolverNotInstalled
-from rcmqp.tasks import RcmTask, RollTask, TipTask
+from rcmqp.tasks import RcmTask, RollTask, Task, TipTask, Together
 
 ARMS = ("lwa3", "meka_a2")
 
@@ -222,3 +222,16 @@ def test_levels_and_limits_of_another_kind_are_refused() -> None:
     for options in ({"levels": ["rcm"]}, {"limits": [RcmTask()]}):
         with pytest.raises(OptionError, match="is no"):
             HierarchicalQP(scenario.insertion(), scenario.period, **options)
+
+
+def test_what_is_recorded_has_the_same_names_in_a_safe_stop() -> None:
+    scenario = load_scenario("conical_helix", "panda")
+    insertion, d = scenario.insertion(), scenario.insertion().tip_depth
+    levels: list[Task | Together] = [RcmTask() + TipTask(d), TipTask(d), TipTask(0.05)]
+    controller = HierarchicalQP(insertion, scenario.period, levels=levels)
+    state, reference = insertion.state(insertion.q_start), next(scenario.references(insertion))
+    usual = controller.step(state, reference).diagnostics
+    spoilt = dataclasses.replace(reference, pivot=np.full(3, np.nan))
+    assert list(usual)[:3] == ["rcm + tip_residual", "tip_residual", "tip_2_residual"]
+    assert controller.step(state, spoilt).diagnostics.keys() == usual.keys()
+    assert usual.keys() == {*controller.diagnostics, "safe_stop"}

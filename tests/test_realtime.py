@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.typing import ArrayLike
 from rich.console import Console
@@ -470,7 +471,7 @@ def test_a_loop_that_ends_before_a_position_limit_stays_inside_it() -> None:
 def test_braking_is_at_once_where_no_acceleration_limit_is_known(
     insertion: rcmqp.Insertion,
 ) -> None:
-    arm = insertion.arm.with_effector(insertion.arm._jMe)
+    arm = insertion.arm.with_effector(pin.SE3.Identity())
     arm.acceleration = np.full(7, np.inf)
     found = braking(arm, insertion.angles_start, np.full(7, 0.3), T)
     assert found.shape == (1, 7)

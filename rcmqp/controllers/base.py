@@ -93,7 +93,7 @@ class Controller(abc.ABC):
     def step(self, state: ArmState, reference: Reference) -> Command:
         """The joint velocity to hold until the next cycle: the law's, or the safe stop."""
         if not is_usable(state, reference):
-            reference = as_numbers(reference)
+            state, reference = as_numbers(state, reference)
             wrong = fault(state, reference)
             if wrong:
                 return self.safe_stop(state, wrong)

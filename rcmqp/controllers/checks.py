@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -60,12 +61,14 @@ def is_finite(values: Array) -> bool:
 def is_usable(state: ArmState, reference: Reference) -> bool:
     """Whether fault() would find nothing, and every array is one that compiled code can read."""
     numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
-    return _kernel.usable(state.q, state.v, *numbers, UNIT_TOLERANCE)
+    return _kernel.usable(state.J_local, state.q, state.v, *numbers, UNIT_TOLERANCE)
 
 
-def as_numbers(reference: Reference) -> Reference:
-    """The same reference in contiguous arrays of float64; NaN where there are no numbers."""
-    return Reference(*(_numbers(getattr(reference, name)) for name in _SIZES))
+def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Reference]:
+    """The same two in contiguous arrays of float64; NaN where there are no numbers."""
+    vectors = {name: _numbers(getattr(state, name)) for name in ("q", "angles", "x", "v")}
+    state = dataclasses.replace(state, J_local=np.ascontiguousarray(state.J_local), **vectors)
+    return state, Reference(*(_numbers(getattr(reference, name)) for name in _SIZES))
 
 
 def _numbers(values: ArrayLike) -> Array:

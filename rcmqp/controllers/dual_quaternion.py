@@ -132,9 +132,9 @@ class DualQuaternion(Controller):
         c, J_c = self._objective.evaluate(state)
         v, sigma_6, rank, scale = _kernel.law(
             state.x,
-            np.ascontiguousarray(state.J_local),
-            np.ascontiguousarray(reference.x_d, dtype=float),
-            np.ascontiguousarray(reference.x_d_dot, dtype=float),
+            state.J_local,
+            reference.x_d,
+            reference.x_d_dot,
             c,
             J_c,
             self._numbers,

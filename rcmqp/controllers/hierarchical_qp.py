@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
-
-import numpy as np
 
 from rcmqp import _kernel
 from rcmqp.arm import ArmState
@@ -72,10 +69,6 @@ class HierarchicalQP(Controller):
 
     name: ClassVar[str] = "hierarchical_qp"
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "rcm_residual": ("m/s", "|A v - b| of the RCM's rows"),
-        "tip_residual": ("m/s", "|A v - b| of the tip's rows"),
-        "roll_residual": ("rad/s", "|A v - b| of the roll's row"),
-        "objective_residual": ("rad/s", "|A v - b| of the objective's rows"),
         "exact": ("1", "1 where every level is the optimum to rounding"),
         "joints_at_limit": ("1", "joints at a bound of their box"),
         "violation": ("m/s, rad/s", "largest excess of a hard row"),
@@ -95,7 +88,6 @@ class HierarchicalQP(Controller):
     _hierarchy: Hierarchy = field(init=False, repr=False)
     _program: Program | None = field(init=False, repr=False)
     _names: tuple[str, ...] = field(init=False, repr=False)
-    _recorded: tuple[str, ...] = field(init=False, repr=False)
     _guarded: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -128,8 +120,8 @@ class HierarchicalQP(Controller):
         object.__setattr__(self, "_hierarchy", hierarchy)
         object.__setattr__(self, "_program", program if hierarchy.compiled else None)
         object.__setattr__(self, "_names", names)
-        recorded = ("exact", "joints_at_limit", "violation", "kkt")
-        object.__setattr__(self, "_recorded", (*(f"{name}_residual" for name in names), *recorded))
+        numbers = {**_residuals(levels), **type(self).diagnostics}
+        object.__setattr__(self, "diagnostics", numbers)
         rcm_first = bool(levels) and isinstance(levels[0], RcmTask)
         object.__setattr__(self, "_guarded", int(rcm_first))
 
@@ -155,12 +147,12 @@ class HierarchicalQP(Controller):
         else:
             solution = self._run(self._program, state, reference)
         return Command(
-            solution.v, dict(zip(self._recorded, solution.summary, strict=True)), solution
+            solution.v, dict(zip(self.diagnostics, solution.summary, strict=True)), solution
         )
 
     def _run(self, program: Program, state: ArmState, reference: Reference) -> HierarchySolution:
         """The same, rows and all in compiled code."""
-        start, hierarchy = time.perf_counter(), self._hierarchy
+        hierarchy = self._hierarchy
         answer = Answer(program.ends, program.n, program.size, program.rows)
         asked: Asked = {}
         answer.summary = _kernel.step(
@@ -172,7 +164,7 @@ class HierarchicalQP(Controller):
             self._guarded,
             hierarchy.max_rounds,
             state.x,
-            np.ascontiguousarray(state.J_local),
+            state.J_local,
             state.angles,
             state.v,
             reference.x_d,
@@ -184,8 +176,19 @@ class HierarchicalQP(Controller):
             hierarchy.asking(asked),
         )
         answer.close()
-        elapsed = time.perf_counter() - start
-        return HierarchySolution(answer, self._names, program.names, elapsed, asked)
+        return HierarchySolution(answer, self._names, program.names, asked)
+
+
+def _residuals(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
+    """Name of each level's residual in the record, its unit and meaning; no name comes twice."""
+    found: dict[str, tuple[str, str]] = {}
+    for level in levels:
+        unit = "as weighted" if isinstance(level, Together) else f"{level.unit or 1}/s"
+        name, turn = f"{level.name}_residual", 2
+        while name in found:
+            name, turn = f"{level.name}_{turn}_residual", turn + 1
+        found[name] = unit, f"|A v - b| of the rows of {level.name}"
+    return found
 
 
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:

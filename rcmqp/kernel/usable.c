@@ -7,11 +7,19 @@
 
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
+/* Whether compiled code can read it as float64. */
+static int is_readable(PyObject *object)
+{
+    return PyArray_Check(object) && PyArray_TYPE((PyArrayObject *)object) == NPY_DOUBLE &&
+           PyArray_ISCARRAY_RO((PyArrayObject *)object);
+}
+
+/* The numbers of a vector of `size` (-1: any) finite ones; 0 if it is none. */
 static int vector_of(PyObject *object, npy_intp size, const double **numbers)
 {
     PyArrayObject *array = (PyArrayObject *)object;
-    if (!PyArray_Check(object) || PyArray_TYPE(array) != NPY_DOUBLE || PyArray_NDIM(array) != 1 ||
-        !PyArray_ISCARRAY_RO(array) || (size >= 0 && PyArray_SIZE(array) != size))
+    if (!is_readable(object) || PyArray_NDIM(array) != 1 ||
+        (size >= 0 && PyArray_SIZE(array) != size))
         return 0;
     *numbers = PyArray_DATA(array);
     for (npy_intp i = 0; i < PyArray_SIZE(array); ++i)
@@ -19,22 +27,24 @@ static int vector_of(PyObject *object, npy_intp size, const double **numbers)
     return 1;
 }
 
-/* usable(q, v, x_d, x_d_dot, pivot, pivot_dot, tolerance): all finite, of the right sizes, and
- * x_d a pose, |P| = 1 and P.D = 0 to the tolerance. What is not usable, Python says in words. */
+/* usable(J_local, q, v, x_d, x_d_dot, pivot, pivot_dot, tolerance): arrays that compiled code can
+ * read; but for J_local all finite and of the right sizes; and x_d a pose, |P| = 1 and P.D = 0 to
+ * the tolerance. What is not usable, Python mends, or says in words. */
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     static const npy_intp sizes[6] = {-1, -1, 8, 8, 3, 3};
     const double *numbers, *x_d = NULL;
     (void)self;
-    if (count != 7) {
-        PyErr_Format(PyExc_TypeError, "usable() takes 7 arguments, %zd given", count);
+    if (count != 8) {
+        PyErr_Format(PyExc_TypeError, "usable() takes 8 arguments, %zd given", count);
         return NULL;
     }
+    if (!is_readable(args[0])) Py_RETURN_FALSE;
     for (int i = 0; i < 6; ++i) {
-        if (!vector_of(args[i], sizes[i], &numbers)) Py_RETURN_FALSE;
+        if (!vector_of(args[i + 1], sizes[i], &numbers)) Py_RETURN_FALSE;
         if (i == 2) x_d = numbers;
     }
-    const double tolerance = PyFloat_AsDouble(args[6]);
+    const double tolerance = PyFloat_AsDouble(args[7]);
     if (PyErr_Occurred()) return NULL;
     const double size = sqrt(dot(x_d, x_d, 4)), mixed = dot(x_d, x_d + 4, 4);
     return PyBool_FromLong(fabs(size - 1.0) <= tolerance && fabs(mixed) <= tolerance);

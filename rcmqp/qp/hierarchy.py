@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, TypeAlias
@@ -112,7 +111,7 @@ class Hierarchy:
         Raises:
             InvalidProblem: shapes that do not fit, or ``rest`` not finite.
         """
-        start, n = time.perf_counter(), bounds.lower.size
+        n = bounds.lower.size
         for level in levels:
             if level.A.shape[1] != n and len(level.A):
                 raise InvalidProblem(
@@ -139,8 +138,7 @@ class Hierarchy:
             answer.info[:, 2] = np.nan
         answer.close()
         names = [level.name for level in levels]
-        elapsed = time.perf_counter() - start
-        return HierarchySolution(answer, names, bounds.names, elapsed, asked)
+        return HierarchySolution(answer, names, bounds.names, asked)
 
     @property
     def compiled(self) -> bool:

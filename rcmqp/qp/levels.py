@@ -139,21 +139,19 @@ class HierarchySolution:
     Attributes:
         v: (n,) inside the box, always finite.
         names: (n + m,) of the bounds.
-        solve_time: wall-clock time [s]; not reproducible, everything else is.
     """
 
-    __slots__ = ("_answer", "_asked", "_level_names", "names", "solve_time", "v")
+    __slots__ = ("_answer", "_asked", "_level_names", "names", "v")
 
     def __init__(
         self,
         answer: Answer,
         level_names: Sequence[str],
         names: Sequence[str],
-        solve_time: float,
         asked: Mapping[int, Status] = MappingProxyType({}),
     ) -> None:
         self._answer, self._level_names, self._asked = answer, level_names, asked
-        self.v, self.names, self.solve_time = answer.v, names, solve_time
+        self.v, self.names = answer.v, names
 
     @property
     def violation(self) -> Array:
