@@ -291,3 +291,23 @@ def test_a_failed_save_leaves_the_folder_as_it_was(
 def test_others_may_read_a_saved_run_as_they_may_any_new_file(saved: Path) -> None:
     (saved.parent / "plain").touch()
     assert saved.stat().st_mode == (saved.parent / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize(
+    ("changed", "counts"),
+    [
+        ({"controller": "other"}, True),
+        ({"options": {"gain": 59.0}}, True),
+        ({"joints": ("a", "b")}, True),
+        ({"urdf_sha256": "0" * 64}, True),
+        ({"stops": {"no reason": [3]}}, True),
+        ({"versions": {"python": "4"}}, False),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_the_digest_is_over_all_that_a_run_is(
+    run: Run, changed: dict[str, Any], counts: bool
+) -> None:
+    assert (dataclasses.replace(run, **changed).digest != run.digest) == counts
+    later = dataclasses.replace(run.scenario, seed=run.scenario.seed + 1)
+    assert dataclasses.replace(run, scenario=later).digest != run.digest
