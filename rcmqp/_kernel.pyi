@@ -1,8 +1,10 @@
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+T = TypeVar("T")
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Backend = Callable[[int, Array, Array, Array, Array, Array], Array]
@@ -24,15 +26,17 @@ def solve(
     A: Array,
     b: Array,
     ends: Ints,
+    lower: Array,
+    upper: Array,
     C: Array,
     d: Array,
     guarded: int,
     max_rounds: int,
+    v: Array | None,
     guess: Array,
-    numbers: Array,
     backend: Backend | None,
     /,
-) -> tuple[float, ...]: ...
+) -> tuple[Array, Array]: ...
 def step(
     tasks: Array,
     vectors: Array,
@@ -50,10 +54,10 @@ def step(
     pivot: Array,
     pivot_dot: Array,
     guess: Array,
-    numbers: Array,
     backend: Backend | None,
+    names: tuple[str, ...],
     /,
-) -> tuple[float, ...]: ...
+) -> tuple[Array, Array, dict[str, float]]: ...
 def usable(
     J_local: Array,
     q: Array,
@@ -65,26 +69,30 @@ def usable(
     tolerance: float,
     /,
 ) -> bool: ...
+def frozen(values: ArrayLike, /, *shape: int) -> Array | None: ...
+def record(cls: type[T], /, *fields: object) -> T: ...
+def moved(q: ArrayLike, v: ArrayLike, dt: float, /) -> Array | None: ...
+def all_finite(values: ArrayLike, /) -> bool: ...
 def law(
     x: Array,
     J_local: Array,
+    angles: Array,
     x_d: Array,
     x_d_dot: Array,
-    c: float,
-    J_c: Array,
+    objective: tuple[int, *tuple[Array, ...]] | tuple[None, float, Array],
     numbers: Array,
     limits: Array,
     feed_forward: bool,
     limited: int,
     /,
-) -> tuple[Array, float, float, float]: ...
+) -> tuple[Array, float, float, float, float]: ...
 def singularity_product(angles: Array, offsets: Array, /) -> tuple[float, Array]: ...
 def manipulability_measure(J_local: Array, /) -> tuple[float, Array]: ...
 def least_singular_values(J: Array, /) -> Array: ...
 def from_xyzquat(placement: Array, /) -> Array: ...
 def carried(x: Array, offset: Array, /) -> Array: ...
 def view_pose(
-    x_rcm: Array,
+    x_rcm: ArrayLike,
     alpha: float,
     beta: float,
     gamma: float,
@@ -93,9 +101,9 @@ def view_pose(
     beta_dot: float,
     gamma_dot: float,
     t_z_dot: float,
-    pivot_dot: Array,
+    pivot_dot: ArrayLike,
     /,
-) -> tuple[Array, Array, Array]: ...
+) -> tuple[Array, Array, Array, Array] | None: ...
 def approach(
     x_rcm: Array,
     pivot_0: Array,

@@ -18,6 +18,8 @@ from rcmqp.dualquaternion import Array
 from rcmqp.errors import FrameNotFound, InvalidCommand, JointLimitViolated, OptionError
 
 _LOCAL = pin.ReferenceFrame.LOCAL
+_jacobians, _placement = pin.computeJointJacobians, pin.updateFramePlacement
+_jacobian, _xyzquat = pin.getFrameJacobian, pin.SE3ToXYZQUAT
 
 _LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
 """(3, 3, 3): (a x b)_i = sum_jk e[i, j, k] a_j b_k."""
@@ -109,7 +111,7 @@ class Arm:
         self._joint: int = frame.parentJoint
         self.jMflange = frame.placement * offset
         self._put_effector(self.jMflange)
-        self._q_shape, self._v_shape = (model.nq,), (model.nv,)
+        self._sizes: tuple[int, int] = (model.nq, model.nv)
         self._still = _vector("still", np.zeros(model.nv), model.nv)
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
         self._turning = np.flatnonzero(self._continuous)
@@ -166,16 +168,16 @@ class Arm:
         Raises:
             InvalidCommand: q or v has the wrong size.
         """
-        q = self._sized(q, self._q_shape, "configuration q")
-        v = self._still if v is None else self._sized(v, self._v_shape, "joint velocity v")
+        nq, nv = self._sizes
+        q = _sized(q, nq, "configuration q")
+        v = self._still if v is None else _sized(v, nv, "joint velocity v")
         model, data, effector = self._kinematics, self._data, self._effector
-        pin.computeJointJacobians(model, data, q)  # runs forward kinematics too
-        oMe = pin.updateFramePlacement(model, data, effector)
-        J_local = np.ascontiguousarray(pin.getFrameJacobian(model, data, effector, _LOCAL))
-        x = _kernel.from_xyzquat(pin.SE3ToXYZQUAT(oMe))
-        J_local.setflags(write=False)
-        x.setflags(write=False)
-        return ArmState(q, self._frozen_angles(q), oMe, x, J_local, v)
+        _jacobians(model, data, q)  # runs forward kinematics too
+        oMe = _placement(model, data, effector)
+        J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
+        x = _kernel.from_xyzquat(_xyzquat(oMe))
+        angles = q if nq == nv else self._frozen_angles(q)
+        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v)
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
@@ -194,7 +196,7 @@ class Arm:
 
     def configuration(self, angles: ArrayLike) -> Array:
         """Configuration (nq,) of joint coordinates (nv,); inverse of angles()."""
-        angles = self._checked(angles, self._v_shape, "joint angles")
+        angles = _checked(angles, self.nv, "joint angles")
         q = np.zeros(self.nq)
         q[self._idx_q] = np.where(self._continuous, np.cos(angles), angles)
         q[self._idx_q[self._turning] + 1] = np.sin(angles[self._turning])
@@ -202,7 +204,15 @@ class Arm:
 
     def integrate(self, q: Array, v: Array, dt: float) -> Array:
         """Configuration (nq,) reached from ``q`` at velocity ``v`` (nv,) after ``dt`` [s]."""
-        return np.asarray(pin.integrate(self.model, q, dt * v))
+        if self._turning.size:
+            return np.asarray(pin.integrate(self.model, q, dt * v))
+        moved = _kernel.moved(q, v, dt)
+        if moved is None or moved.size != self._sizes[0]:
+            raise InvalidCommand(
+                f"q and v have shapes {np.shape(q)} and {np.shape(v)}, they must be "
+                f"({self.nq},) and ({self.nv},)"
+            )
+        return moved
 
     def limit_margin(self, angles: ArrayLike) -> Array:
         """Distance (..., nv) of joint angles (..., nv) to the nearer limit; negative outside."""
@@ -215,7 +225,7 @@ class Arm:
         Raises:
             JointLimitViolated: the joint that is farthest outside its limits.
         """
-        angles = self._checked(angles, self._v_shape, "joint angles")
+        angles = _checked(angles, self.nv, "joint angles")
         worst = int(np.argmin(self.limit_margin(angles)))
         if self.limit_margin(angles)[worst] < 0.0:
             prismatic = self.model.joints[worst + 1].shortname().startswith("JointModelP")
@@ -258,9 +268,7 @@ class Arm:
         self._data = self._kinematics.createData()
 
     def _frozen_angles(self, q: Array) -> Array:
-        """Joint coordinates (nv,) of q (nq,): q itself where no joint is continuous."""
-        if len(q) == len(self._idx_q):
-            return q
+        """Joint coordinates (nv,) of q (nq,), not to be written."""
         angles = self.angles(q)
         angles.setflags(write=False)
         return angles
@@ -268,22 +276,6 @@ class Arm:
     def _per_joint(self, limit: Array, unlimited: float) -> Array:
         values = np.where(self._continuous, unlimited, np.asarray(limit)[self._idx_q])
         return _vector("position limits", values, len(self._idx_q))
-
-    @staticmethod
-    def _sized(values: ArrayLike, shape: tuple[int], what: str) -> Array:
-        """A copy of the values that cannot be written."""
-        array = np.array(values, dtype=float)
-        if array.shape != shape:
-            raise InvalidCommand(f"{what} has shape {array.shape}, it must be {shape}")
-        array.setflags(write=False)
-        return array
-
-    def _checked(self, values: ArrayLike, shape: tuple[int], what: str) -> Array:
-        """The same, all of them finite."""
-        array = self._sized(values, shape, what)
-        if not np.isfinite(array).all():
-            raise InvalidCommand(f"{what} is not finite: {array}")
-        return array
 
 
 def find_frame(model: pin.Model, name: str) -> pin.Frame:
@@ -312,6 +304,22 @@ def kinematic_hessian(J_local: Array) -> Array:
     w_x_v, w_x_w = np.split(cross, 2, axis=2)
     beyond = np.triu(np.ones((v.shape[1], v.shape[1])), 1)
     return np.asarray(beyond * np.concatenate([w_x_v - w_x_v.transpose(0, 2, 1), w_x_w]))
+
+
+def _sized(values: ArrayLike, size: int, what: str) -> Array:
+    """A copy (size,) of the values that cannot be written."""
+    array = _kernel.frozen(values, size)
+    if array is None:
+        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},)")
+    return array
+
+
+def _checked(values: ArrayLike, size: int, what: str) -> Array:
+    """The same, all of them finite."""
+    array = _sized(values, size, what)
+    if not np.isfinite(array).all():
+        raise InvalidCommand(f"{what} is not finite: {array}")
+    return array
 
 
 def _vector(what: str, values: ArrayLike | Sequence[float], size: int) -> Array:

@@ -122,7 +122,7 @@ class Planner:
         )
         if not moved:
             return reference
-        return Reference(x_d, x_d_dot, reference.pivot, reference.pivot_dot)
+        return _kernel.record(Reference, x_d, x_d_dot, reference.pivot, reference.pivot_dot)
 
 
 def _log_turn(r_l: Array, r_d: Array) -> Array:

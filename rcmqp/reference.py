@@ -92,14 +92,7 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command: the view and its rates.
         pivot_dot: (3,) velocity of the trocar [m/s]; the reference moves with it.
     """
-    x_rcm = np.ascontiguousarray(x_rcm, dtype=float)
-    pivot_dot = np.ascontiguousarray(pivot_dot, dtype=float)
-    if x_rcm.shape != (8,) or pivot_dot.shape != (3,):
-        raise InvalidCommand(
-            f"x_rcm has shape {x_rcm.shape} and pivot_dot {pivot_dot.shape}, they must be (8,) "
-            "and (3,)"
-        )
-    x_d, x_d_dot, pivot = _kernel.view_pose(
+    found = _kernel.view_pose(
         x_rcm,
         command.alpha,
         command.beta,
@@ -111,7 +104,12 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command.t_z_dot,
         pivot_dot,
     )
-    return Reference(x_d, x_d_dot, pivot, pivot_dot)
+    if found is None:
+        raise InvalidCommand(
+            f"x_rcm has shape {np.shape(x_rcm)} and pivot_dot {np.shape(pivot_dot)}, they must be "
+            "(8,) and (3,)"
+        )
+    return _kernel.record(Reference, *found)
 
 
 def carried(x: Array, offset: Array) -> Array:

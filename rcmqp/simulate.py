@@ -9,9 +9,9 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
+from rcmqp._kernel import all_finite
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import SAFE_STOP, Command, Controller
-from rcmqp.controllers.checks import is_finite
 from rcmqp.derived import Derived
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
@@ -134,7 +134,7 @@ def versions() -> dict[str, str]:
 
 def _check_answer(answer: Command, name: str, nv: int, t: float) -> None:
     v = np.asarray(getattr(answer, "v", None))
-    if v.shape != (nv,) or v.dtype.kind != "f" or not is_finite(v):
+    if v.shape != (nv,) or v.dtype.kind != "f" or not all_finite(v):
         raise InvalidCommand(
             f"controller {name!r} answered {answer} at t = {t:.6g} s; it must be a Command with "
             f"{nv} finite joint velocities"

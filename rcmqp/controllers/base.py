@@ -7,14 +7,15 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from rcmqp._kernel import all_finite, record
 from rcmqp.arm import ArmState
 from rcmqp.braking import braking
 from rcmqp.controllers.account import explained
-from rcmqp.controllers.checks import as_numbers, fault, is_finite, is_usable
+from rcmqp.controllers.checks import as_numbers, fault, is_usable
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
@@ -41,6 +42,11 @@ class Command:
     diagnostics: dict[str, float] = field(default_factory=dict)
     account: object | None = None
     stop: str = ""
+
+    @classmethod
+    def of(cls, v: Array, diagnostics: dict[str, float], account: object | None = None) -> Self:
+        """Command(v, diagnostics, account), in a third of the time."""
+        return record(cls, v, diagnostics, account, "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +107,7 @@ class Controller(abc.ABC):
             answer = self._step(state, reference)
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
             return self.safe_stop(state, f"{type(error).__name__}: {error}")
-        if not is_finite(answer.v):
+        if not all_finite(answer.v):
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer

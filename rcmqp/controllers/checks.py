@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp import _kernel
+from rcmqp._kernel import all_finite, usable
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
@@ -53,15 +53,10 @@ def check_between(name: str, value: float, low: float, high: float) -> None:
         raise OptionError(f"{name} = {value}, it must lie between {low:g} and {high:g}")
 
 
-def is_finite(values: Array) -> bool:
-    """Whether all of values (n,) are finite."""
-    return all(map(math.isfinite, values.tolist()))  # a quarter of what numpy takes for seven
-
-
 def is_usable(state: ArmState, reference: Reference) -> bool:
     """Whether fault() would find nothing, and every array is one that compiled code can read."""
     numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
-    return _kernel.usable(state.J_local, state.q, state.v, *numbers, UNIT_TOLERANCE)
+    return usable(state.J_local, state.q, state.v, *numbers, UNIT_TOLERANCE)
 
 
 def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Reference]:
@@ -84,15 +79,15 @@ def fault(state: ArmState, reference: Reference) -> str:
     A rate that the law does not use counts, too: whoever sends one that is no number is not
     to be relied on.
     """
-    if not is_finite(state.q):
+    if not all_finite(state.q):
         return "the joint reading q is not finite"
-    if not is_finite(state.v):
+    if not all_finite(state.v):
         return "the joint velocity v is not finite"
     for name, size in _SIZES.items():
         values = getattr(reference, name)
         if values.shape != (size,):
             return f"{name} of the reference has not {size} numbers"
-        if not is_finite(values):
+        if not all_finite(values):
             return f"{name} of the reference is not finite"
     if not dq.is_unit(reference.x_d, UNIT_TOLERANCE):
         return "x_d of the reference is no pose"

@@ -90,7 +90,9 @@ class DualQuaternion(Controller):
     damping_from: float = 0.02
     velocity_limit: str = "none"
     _objective: Objective = field(init=False, repr=False)
+    _aim: tuple[int, *tuple[Array, ...]] | None = field(init=False, repr=False)
     _numbers: Array = field(init=False, repr=False)
+    _speeds: Array = field(init=False, repr=False)
     _limited: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -120,7 +122,11 @@ class DualQuaternion(Controller):
             )
         own = "manipulability" if arm.srs_offsets is None else "singularity_product"
         object.__setattr__(self, "objective", self.objective or own)
-        object.__setattr__(self, "_objective", make_objective(self.objective, arm))
+        objective = make_objective(self.objective, arm)
+        compiled = objective.program()
+        object.__setattr__(self, "_objective", objective)
+        object.__setattr__(self, "_aim", compiled and (compiled[0], *compiled[1]))
+        object.__setattr__(self, "_speeds", arm.velocity)
         options = (self.gain, self.K_c, self.c_d, self.tolerance, self.damping, self.damping_from)
         numbers = np.array([*options, RANK_TOLERANCE])
         numbers.setflags(write=False)
@@ -129,21 +135,20 @@ class DualQuaternion(Controller):
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law at ``state``, compiled; see Controller.step()."""
-        c, J_c = self._objective.evaluate(state)
-        v, sigma_6, rank, scale = _kernel.law(
+        v, c, sigma_6, rank, scale = _kernel.law(
             state.x,
             state.J_local,
+            state.angles,
             reference.x_d,
             reference.x_d_dot,
-            c,
-            J_c,
+            self._aim or (None, *self._objective.evaluate(state)),
             self._numbers,
-            self.insertion.arm.velocity,
+            self._speeds,
             self.feed_forward,
             self._limited,
         )
         numbers = {"objective": c, "sigma_6_of_N": sigma_6, "rank": rank, "scale": scale}
-        return Command(v, numbers)
+        return Command.of(v, numbers)
 
     def law(self, state: ArmState, reference: Reference) -> Command:
         """The law as equations (3), (4) and (6) have it, in numpy: what step() computes."""

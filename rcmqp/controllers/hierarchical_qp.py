@@ -15,7 +15,6 @@ from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
 from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
 from rcmqp.qp import Hierarchy, HierarchySolution
-from rcmqp.qp.hierarchy import Asked
 from rcmqp.qp.levels import Answer
 from rcmqp.reference import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
@@ -88,6 +87,7 @@ class HierarchicalQP(Controller):
     _hierarchy: Hierarchy = field(init=False, repr=False)
     _program: Program | None = field(init=False, repr=False)
     _names: tuple[str, ...] = field(init=False, repr=False)
+    _numbers: tuple[str, ...] = field(init=False, repr=False)
     _guarded: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -122,6 +122,7 @@ class HierarchicalQP(Controller):
         object.__setattr__(self, "_names", names)
         numbers = {**_residuals(levels), **type(self).diagnostics}
         object.__setattr__(self, "diagnostics", numbers)
+        object.__setattr__(self, "_numbers", tuple(numbers))
         rcm_first = bool(levels) and isinstance(levels[0], RcmTask)
         object.__setattr__(self, "_guarded", int(rcm_first))
 
@@ -138,24 +139,21 @@ class HierarchicalQP(Controller):
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One lexicographic optimum."""
-        if self._program is None:
-            solution = self._hierarchy.solve(
-                [level.level(state, reference) for level in self._levels],
-                combine(self._limits, state, reference, self.insertion.arm.joints),
-                guarded=self._guarded,
-            )
-        else:
-            solution = self._run(self._program, state, reference)
+        if self._program is not None:
+            return self._run(self._program, state, reference)
+        solution = self._hierarchy.solve(
+            [level.level(state, reference) for level in self._levels],
+            combine(self._limits, state, reference, self.insertion.arm.joints),
+            guarded=self._guarded,
+        )
         return Command(
-            solution.v, dict(zip(self.diagnostics, solution.summary, strict=True)), solution
+            solution.v, dict(zip(self._numbers, solution.summary, strict=True)), solution
         )
 
-    def _run(self, program: Program, state: ArmState, reference: Reference) -> HierarchySolution:
+    def _run(self, program: Program, state: ArmState, reference: Reference) -> Command:
         """The same, rows and all in compiled code."""
         hierarchy = self._hierarchy
-        answer = Answer(program.ends, program.n, program.size, program.rows)
-        asked: Asked = {}
-        answer.summary = _kernel.step(
+        v, numbers, summary = _kernel.step(
             program.tasks,
             program.vectors,
             program.ends,
@@ -171,12 +169,16 @@ class HierarchicalQP(Controller):
             reference.x_d_dot,
             reference.pivot,
             reference.pivot_dot,
-            hierarchy.guess(answer),
-            answer.numbers,
-            hierarchy.asking(asked),
+            hierarchy.guess(program.shape),
+            hierarchy.asks,
+            self._numbers,
         )
-        answer.close()
-        return HierarchySolution(answer, self._names, program.names, asked)
+        answer = _kernel.record(Answer, numbers, program.ends, program.n, program.rows)
+        asked = hierarchy.verdicts()
+        solution = _kernel.record(
+            HierarchySolution, v, program.names, answer, self._names, asked
+        )
+        return Command.of(v, summary, solution)
 
 
 def _residuals(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:

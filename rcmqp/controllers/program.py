@@ -44,6 +44,11 @@ class Program:
     rows: int
     names: tuple[str, ...]
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of an active set: levels with the hard rows and the rest, bounds."""
+        return len(self.ends) + 1, self.n + self.rows
+
     @classmethod
     def of(cls, levels: Sequence[LevelOfTasks], limits: Sequence[Limit], arm: Arm) -> Self | None:
         """The program of levels and limits; None where one of them is not in compiled code."""

@@ -52,6 +52,18 @@ static inline int count_of(PyObject *object, long most, const char *name)
     return (int)value;
 }
 
+/* Whatever numpy makes an array of, as float64, C-contiguous; itself where it is that already. */
+static inline PyArrayObject *numbers_in(PyObject *object)
+{
+    return (PyArrayObject *)PyArray_FROM_OTF(object, NPY_DOUBLE, NPY_ARRAY_IN_ARRAY);
+}
+
+/* Whether it is a vector of that size. */
+static inline int is_vector(PyArrayObject *array, npy_intp size)
+{
+    return PyArray_NDIM(array) == 1 && PyArray_DIM(array, 0) == size;
+}
+
 static inline npy_intp size_of(PyObject *object)
 {
     return PyArray_Check(object) ? PyArray_SIZE((PyArrayObject *)object) : -1;

@@ -38,44 +38,54 @@ static int ask(void *backend, int level, const Problem *problem, const int *rows
     return sides == NULL ? -1 : 0;
 }
 
-/* What a run records of a solve: the norm of each level's residual but the rest's; whether all is
- * exact; joints at a bound; the largest excess of a hard row; the largest KKT residual. */
-static PyObject *summary(const Hierarchy *hierarchy, const Solution *solution)
+/* found[names[i]] = number; 0, or 1 with a Python error */
+static int put(PyObject *found, PyObject *names, int i, double number)
+{
+    PyObject *value = found == NULL ? NULL : PyFloat_FromDouble(number);
+    const int failed =
+        value == NULL || PyDict_SetItem(found, PyTuple_GET_ITEM(names, i), value) < 0;
+    Py_XDECREF(value);
+    return failed;
+}
+
+/* What a run records of a solve, by `names` (levels + 3): the norm of each level's residual but
+ * the rest's; whether all is exact; joints at a bound; the largest excess of a hard row; the
+ * largest KKT residual. HierarchySolution.summary is the same in Python. */
+static PyObject *summary(const Hierarchy *hierarchy, const Solution *solution, PyObject *names)
 {
     const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
-    int exact = 1, bounded = 0, first = 0;
+    int exact = 1, bounded = 0, first = 0, failed = 0;
     double excess = 0.0, kkt = 0.0;
-    PyObject *numbers = PyTuple_New(levels + 3);
-    if (numbers == NULL) return NULL;
+    PyObject *found = PyDict_New();
     for (int k = 0; k <= levels; ++k) {
         if (!(solution->info[k * COLUMNS + ROUTE] < UNVERIFIED)) exact = 0;
         if (k > 0 && !(solution->info[k * COLUMNS + KKT] <= kkt))
             kkt = solution->info[k * COLUMNS + KKT];
         if (k == 0 || k == levels) continue;
         const int last = (int)hierarchy->ends[k - 1];
-        const double norm = norm_of(solution->residual + first, last - first);
-        PyTuple_SET_ITEM(numbers, k - 1, PyFloat_FromDouble(norm));
+        failed |= put(found, names, k - 1, norm_of(solution->residual + first, last - first));
         first = last;
     }
     for (int i = 0; i < n; ++i)
         if (solution->touching[i] > 0.0 || solution->touching[N + i] > 0.0) ++bounded;
     for (int i = 0; i < hierarchy->m; ++i) excess = larger(excess, solution->violation[i]);
-    PyTuple_SET_ITEM(numbers, levels - 1, PyFloat_FromDouble(exact));
-    PyTuple_SET_ITEM(numbers, levels, PyFloat_FromDouble(bounded));
-    PyTuple_SET_ITEM(numbers, levels + 1, PyFloat_FromDouble(excess));
-    PyTuple_SET_ITEM(numbers, levels + 2, PyFloat_FromDouble(kkt));
-    return numbers;
+    failed |= put(found, names, levels - 1, exact);
+    failed |= put(found, names, levels, bounded);
+    failed |= put(found, names, levels + 1, excess);
+    failed |= put(found, names, levels + 2, kkt);
+    if (failed) Py_CLEAR(found);
+    return found;
 }
 
-/* The numbers of an Answer (qp/levels.py), in its order; `box` is where lower and upper stand. */
-static int parts_of(PyObject *numbers, const Hierarchy *hierarchy, double **box,
-                    Solution *solution)
+/* The numbers of an Answer (qp/levels.py), in its order, and where each part of them stands. */
+static PyObject *space_for(const Hierarchy *hierarchy, double **box, Solution *solution)
 {
     const npy_intp n = hierarchy->n, m = hierarchy->m, N = n + m, count = hierarchy->levels + 1;
     const npy_intp rows = (npy_intp)hierarchy->ends[count - 2];
-    const npy_intp size = 3 * n + rows + m + 2 * N + count * (N + COLUMNS);
-    double *at = space_of(numbers, size, "the answer's numbers");
-    if (at == NULL) return 0;
+    npy_intp size = 3 * n + rows + m + 2 * N + count * (N + COLUMNS);
+    PyObject *numbers = PyArray_SimpleNew(1, &size, NPY_DOUBLE);
+    if (numbers == NULL) return NULL;
+    double *at = PyArray_DATA((PyArrayObject *)numbers);
     *box = at;
     solution->v = at += 2 * n;
     solution->residual = at += n;
@@ -83,38 +93,51 @@ static int parts_of(PyObject *numbers, const Hierarchy *hierarchy, double **box,
     solution->touching = at += m;
     solution->multipliers = at += 2 * N;
     solution->info = at + count * N;
-    return 1;
+    return numbers;
 }
 
-/* The last three arguments: guess, the numbers of an answer, and the backend. */
-static PyObject *solved(Hierarchy *hierarchy, PyObject *const *args, Arena *arena)
+/* What comes before a solve: the problem into `hierarchy`, in the arena; the box is written. */
+typedef void (*Fill)(Hierarchy *hierarchy, double *lower, double *upper, Arena *arena);
+
+/* v, all numbers and, with names, the summary of a solve. args: where to start if there is nothing
+ * to solve, or None; guess; backend. `more` is what `fill` takes of the arena. */
+static PyObject *answered(Hierarchy *hierarchy, Fill fill, size_t more, PyObject *const *args,
+                          PyObject *names)
 {
-    const npy_intp N = hierarchy->n + hierarchy->m, levels = hierarchy->levels;
-    double *guess = space_of(args[0], (levels + 1) * N, "guess"), *box;
+    const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
+    const int rows = (int)hierarchy->ends[levels - 1], asks = args[2] != Py_None;
+    const size_t count = more + memory_for(n, hierarchy->m, rows, levels);
+    double *guess = space_of(args[1], (npy_intp)(levels + 1) * N, "guess"), *box;
+    const double *start = NULL;
+    if (args[0] != Py_None) start = numbers_of(args[0], NPY_DOUBLE, n, "v");
+    if (PyErr_Occurred()) return NULL;
+    Arena own = {NULL, 0}, *arena = &own; /* the backend may call back into the module's scratch */
+    if (!asks)
+        arena = scratch(count);
+    else if ((own.memory = PyMem_RawMalloc(sizeof(double) * count)) == NULL)
+        return PyErr_NoMemory();
+    if (arena == NULL) return NULL;
     Solution solution;
-    if (guess == NULL || !parts_of(args[1], hierarchy, &box, &solution)) return NULL;
-    const int asks = args[2] != Py_None;
-    if (solve_hierarchy(hierarchy, guess, &solution, asks ? ask : NULL, args[2], arena))
-        return NULL;
-    return summary(hierarchy, &solution);
-}
-
-/* Scratch for a solve: the module's, or, where a backend may call back into it, one's own. */
-static PyObject *with_scratch(Hierarchy *hierarchy, size_t more, PyObject *const *args,
-                              PyObject *(*run)(Hierarchy *, PyObject *const *, Arena *))
-{
-    const int rows = (int)hierarchy->ends[hierarchy->levels - 1];
-    const size_t count =
-        more + memory_for(hierarchy->n, hierarchy->m, rows, hierarchy->levels);
-    if (args[2] == Py_None) {
-        Arena *arena = scratch(count);
-        return arena == NULL ? NULL : run(hierarchy, args, arena);
+    PyObject *numbers = space_for(hierarchy, &box, &solution), *answer = NULL;
+    if (numbers != NULL) {
+        fill(hierarchy, box, box + n, arena);
+        hierarchy->lower = box, hierarchy->upper = box + n;
+        if (start != NULL) memcpy(solution.v, start, sizeof(double) * (size_t)n);
+        if (!solve_hierarchy(hierarchy, guess, &solution, asks ? ask : NULL, args[2], arena)) {
+            PyObject *v = copied(solution.v, n, -1), *told = NULL;
+            if (names != NULL) told = summary(hierarchy, &solution, names);
+            if (v != NULL && (told != NULL) == (names != NULL)) {
+                PyArray_CLEARFLAGS((PyArrayObject *)v, NPY_ARRAY_WRITEABLE);
+                PyArray_CLEARFLAGS((PyArrayObject *)numbers, NPY_ARRAY_WRITEABLE);
+                answer = PyTuple_Pack(names == NULL ? 2 : 3, v, numbers, told);
+            }
+            Py_XDECREF(v);
+            Py_XDECREF(told);
+        }
+        Py_DECREF(numbers);
     }
-    Arena own = {PyMem_RawMalloc(sizeof(double) * count), 0};
-    if (own.memory == NULL) return PyErr_NoMemory();
-    PyObject *result = run(hierarchy, args, &own);
     PyMem_RawFree(own.memory);
-    return result;
+    return answer;
 }
 
 static int check_levels(const Hierarchy *hierarchy, npy_intp rows)
@@ -138,16 +161,23 @@ static int check_levels(const Hierarchy *hierarchy, npy_intp rows)
     return 0;
 }
 
-/* solve(A, b, ends, C, d, guarded, max_rounds, guess, numbers, backend); the box stands in the
- * numbers of the answer. */
+/* The box of a problem that is there already. */
+static void copy_box(Hierarchy *hierarchy, double *lower, double *upper, Arena *arena)
+{
+    (void)arena;
+    memcpy(lower, hierarchy->lower, sizeof(double) * (size_t)hierarchy->n);
+    memcpy(upper, hierarchy->upper, sizeof(double) * (size_t)hierarchy->n);
+}
+
+/* solve(A, b, ends, lower, upper, C, d, guarded, max_rounds, v, guess, backend) */
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (count != 10) {
-        PyErr_Format(PyExc_TypeError, "solve() takes 10 arguments, %zd given", count);
+    if (count != 12) {
+        PyErr_Format(PyExc_TypeError, "solve() takes 12 arguments, %zd given", count);
         return NULL;
     }
-    const npy_intp m = size_of(args[4]), rows = size_of(args[1]);
+    const npy_intp m = size_of(args[6]), rows = size_of(args[1]);
     const npy_intp n = rows > 0 ? size_of(args[0]) / rows : 0;
     Hierarchy hierarchy = {
         (int)n,
@@ -156,41 +186,33 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
         numbers_of(args[0], NPY_DOUBLE, rows * n, "A"),
         numbers_of(args[1], NPY_DOUBLE, rows, "b"),
         numbers_of(args[2], NPY_INT64, -1, "ends"),
-        NULL,
-        NULL,
-        numbers_of(args[3], NPY_DOUBLE, m * n, "C"),
-        numbers_of(args[4], NPY_DOUBLE, m, "d"),
-        count_of(args[5], 1000, "guarded"),
-        count_of(args[6], MOST_ROUNDS, "max_rounds"),
+        numbers_of(args[3], NPY_DOUBLE, n, "lower"),
+        numbers_of(args[4], NPY_DOUBLE, n, "upper"),
+        numbers_of(args[5], NPY_DOUBLE, m * n, "C"),
+        numbers_of(args[6], NPY_DOUBLE, m, "d"),
+        count_of(args[7], 1000, "guarded"),
+        count_of(args[8], MOST_ROUNDS, "max_rounds"),
     };
-    double *box;
-    Solution solution;
     if (PyErr_Occurred() || !check_levels(&hierarchy, rows)) return NULL;
-    if (!parts_of(args[8], &hierarchy, &box, &solution)) return NULL;
-    hierarchy.lower = box, hierarchy.upper = box + n;
-    return with_scratch(&hierarchy, 0, args + 7, solved);
+    return answered(&hierarchy, copy_box, 0, args + 9, NULL);
 }
 
 /* The program's side of a cycle, from tasks and limits to a Hierarchy. */
 typedef struct {
-    Hierarchy hierarchy; /* first, so that run_program() finds the rest */
+    Hierarchy hierarchy; /* first, so that make_rows() finds the rest */
     Cycle cycle;
     const double *tasks, *vectors, *limits;
     int task_count, limit_count;
 } Program;
 
-static PyObject *run_program(Hierarchy *hierarchy, PyObject *const *args, Arena *arena)
+static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena *arena)
 {
     const Program *program = (const Program *)hierarchy;
     const Cycle *cycle = &program->cycle;
     const int n = hierarchy->n, rows = (int)hierarchy->ends[hierarchy->levels - 1];
     double *A = take(arena, rows * n), *b = take(arena, rows);
     double *C = take(arena, hierarchy->m * n), *d = take(arena, hierarchy->m);
-    double *lower, *upper;
-    Solution solution;
     int at = 0;
-    if (!parts_of(args[1], hierarchy, &lower, &solution)) return NULL;
-    upper = lower + n;
     for (int k = 0; k < program->task_count; ++k) {
         const double *line = program->tasks + k * TASK_NUMBERS;
         task_rows(cycle, line, program->vectors + 2 * k * n, A + at * n, b + at, arena);
@@ -208,17 +230,19 @@ static PyObject *run_program(Hierarchy *hierarchy, PyObject *const *args, Arena 
         at += rows_of_limit(line);
     }
     hierarchy->A = A, hierarchy->b = b, hierarchy->C = C, hierarchy->d = d;
-    hierarchy->lower = lower, hierarchy->upper = upper;
-    return solved(hierarchy, args, arena);
 }
 
 /* step(tasks, vectors, ends, limits, joints, guarded, max_rounds, x, J_local, angles, v, x_d,
- *      x_d_dot, pivot, pivot_dot, guess, numbers, backend) */
+ *      x_d_dot, pivot, pivot_dot, guess, backend, names) */
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
     if (count != 18) {
         PyErr_Format(PyExc_TypeError, "step() takes 18 arguments, %zd given", count);
+        return NULL;
+    }
+    if (!PyTuple_Check(args[17]) || PyTuple_GET_SIZE(args[17]) != size_of(args[2]) + 3) {
+        PyErr_SetString(PyExc_ValueError, "names must be a tuple, three more than there are levels");
         return NULL;
     }
     const npy_intp n = size_of(args[9]);
@@ -265,5 +289,6 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
     if (!check_levels(hierarchy, rows)) return NULL;
     see(&program.cycle);
     const size_t more = (size_t)((rows + hierarchy->m + 12) * (n + 1) + 2 * n * n);
-    return with_scratch(hierarchy, more, args + 15, run_program);
+    PyObject *const rest[3] = {Py_None, args[15], args[16]};
+    return answered(hierarchy, make_rows, more, rest, args[17]);
 }

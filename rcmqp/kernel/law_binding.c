@@ -36,7 +36,31 @@ static npy_intp joints_of(PyObject *object, int dimensions)
     return -1;
 }
 
-/* law(x, J_local, x_d, x_d_dot, c, J_c, numbers, limits, feed_forward, limited) */
+/* The objective's value c and gradient (n): of a kind that is compiled, or as they are given. */
+static double objective_of(PyObject *aim, const double *J, const double *angles, npy_intp n,
+                           double *gradient, Arena *arena)
+{
+    PyObject *kind = NULL, *first = NULL, *second = NULL;
+    if (!PyArg_UnpackTuple(aim, "the objective", 1, 3, &kind, &first, &second)) return 0.0;
+    if (kind == Py_None && second != NULL) {
+        const double *given = numbers_of(second, NPY_DOUBLE, n, "J_c");
+        if (given != NULL) memcpy(gradient, given, sizeof(double) * (size_t)n);
+        return given == NULL ? 0.0 : PyFloat_AsDouble(first);
+    }
+    switch (PyLong_AsLong(kind)) {
+    case MANIPULABILITY: return manipulability(J, (int)n, gradient, arena);
+    case SRS_PRODUCT:
+        if (first != NULL && n == 7) {
+            const double *offsets = numbers_of(first, NPY_DOUBLE, 7, "offsets");
+            return offsets == NULL ? 0.0 : srs_product(angles, offsets, gradient);
+        }
+    }
+    if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "an objective of an unknown kind");
+    return 0.0;
+}
+
+/* law(x, J_local, angles, x_d, x_d_dot, objective, numbers, limits, feed_forward, limited);
+ * objective: its kind, see TaskKind, and vectors; or None, its value c, its gradient J_c. */
 PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
@@ -44,14 +68,13 @@ PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
     const npy_intp n = joints_of(args[1], 2);
     if (n >= 0 && n < RANK) PyErr_SetString(PyExc_ValueError, "the law needs six joints or more");
     if (PyErr_Occurred()) return NULL;
-    const Sight sight = {
+    Sight sight = {
         numbers_of(args[0], NPY_DOUBLE, 8, "x"),
         numbers_of(args[1], NPY_DOUBLE, 6 * n, "J_local"),
-        numbers_of(args[2], NPY_DOUBLE, 8, "x_d"),
-        numbers_of(args[3], NPY_DOUBLE, 8, "x_d_dot"),
-        PyFloat_AsDouble(args[4]),
-        numbers_of(args[5], NPY_DOUBLE, n, "J_c"),
+        numbers_of(args[3], NPY_DOUBLE, 8, "x_d"),
+        numbers_of(args[4], NPY_DOUBLE, 8, "x_d_dot"),
     };
+    const double *angles = numbers_of(args[2], NPY_DOUBLE, n, "angles");
     const Law made = {
         (int)n,
         numbers_of(args[6], NPY_DOUBLE, LAW_NUMBERS, "numbers"),
@@ -60,12 +83,14 @@ PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
         (Limited)PyLong_AsLong(args[9]),
     };
     Arena *arena = PyErr_Occurred() ? NULL : scratch(memory_for_law((int)n));
-    double *v = NULL;
-    PyObject *answer = arena == NULL ? NULL : vector(n, &v);
+    if (arena == NULL) return NULL;
+    double *gradient = take(arena, (int)n), *v = NULL;
+    sight.c = objective_of(args[5], sight.J, angles, n, gradient, arena), sight.J_c = gradient;
+    PyObject *answer = PyErr_Occurred() ? NULL : vector(n, &v);
     if (answer == NULL) return NULL;
     Found found;
     follow(&made, &sight, v, &found, arena);
-    return Py_BuildValue("(Nddd)", answer, found.least, found.kept, found.scale);
+    return Py_BuildValue("(Ndddd)", answer, sight.c, found.least, found.kept, found.scale);
 }
 
 /* singularity_product(angles, offsets) */
@@ -123,7 +148,9 @@ PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count)
     const double *placement = numbers_of(args[0], NPY_DOUBLE, 7, "placement");
     double *numbers = NULL;
     PyObject *x = placement == NULL ? NULL : vector(8, &numbers);
-    if (x != NULL) dq_of_xyzquat(placement, numbers);
+    if (x == NULL) return NULL;
+    dq_of_xyzquat(placement, numbers);
+    PyArray_CLEARFLAGS((PyArrayObject *)x, NPY_ARRAY_WRITEABLE);
     return x;
 }
 
@@ -144,19 +171,29 @@ PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count)
     return moved;
 }
 
-/* view_pose(x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot) */
+/* view_pose(x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot):
+ * x_d, x_d_dot, pivot, pivot_dot; None if x_rcm or pivot_dot is no vector of its size. */
 PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
     if (!counted("view_pose", count, VIEW_NUMBERS + 2)) return NULL;
-    const double *x_rcm = numbers_of(args[0], NPY_DOUBLE, 8, "x_rcm");
-    const double *pivot_dot = numbers_of(args[VIEW_NUMBERS + 1], NPY_DOUBLE, 3, "pivot_dot");
     double view[VIEW_NUMBERS], *x_d = NULL, *x_d_dot = NULL, *pivot = NULL;
     for (int i = 0; i < VIEW_NUMBERS; ++i) view[i] = PyFloat_AsDouble(args[1 + i]);
     if (PyErr_Occurred()) return NULL;
-    PyObject *made[] = {vector(8, &x_d), vector(8, &x_d_dot), vector(3, &pivot)};
-    if (!PyErr_Occurred()) pose_of_view(x_rcm, view, pivot_dot, x_d, x_d_dot, pivot);
-    return Py_BuildValue("(NNN)", made[0], made[1], made[2]);
+    PyArrayObject *x_rcm = numbers_in(args[0]), *pivot_dot = NULL;
+    if (x_rcm != NULL) pivot_dot = numbers_in(args[VIEW_NUMBERS + 1]);
+    PyObject *answer = NULL;
+    if (pivot_dot != NULL && is_vector(x_rcm, 8) && is_vector(pivot_dot, 3)) {
+        PyObject *made[] = {vector(8, &x_d), vector(8, &x_d_dot), vector(3, &pivot)};
+        if (!PyErr_Occurred())
+            pose_of_view(PyArray_DATA(x_rcm), view, PyArray_DATA(pivot_dot), x_d, x_d_dot, pivot);
+        answer = Py_BuildValue("(NNNO)", made[0], made[1], made[2], pivot_dot);
+    } else if (pivot_dot != NULL) {
+        answer = Py_NewRef(Py_None);
+    }
+    Py_XDECREF(x_rcm);
+    Py_XDECREF(pivot_dot);
+    return answer;
 }
 
 /* approach(x_rcm, pivot_0, x, target, left, parts, period, x_wanted, pivot, pivot_dot, far_angle,

@@ -25,11 +25,14 @@ static inline double *take(Arena *arena, int count)
     return found;
 }
 
+/* Two sums, so that one addition need not wait for the other. */
 static inline double dot(const double *a, const double *b, int n)
 {
-    double total = 0.0;
-    for (int i = 0; i < n; ++i) total += a[i] * b[i];
-    return total;
+    double even = 0.0, odd = 0.0;
+    int i = 0;
+    for (; i + 1 < n; i += 2) even += a[i] * b[i], odd += a[i + 1] * b[i + 1];
+    if (i < n) even += a[i] * b[i];
+    return even + odd;
 }
 
 static inline double larger(double a, double b) { return a > b ? a : b; }

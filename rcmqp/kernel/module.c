@@ -6,6 +6,10 @@
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *singularity_product(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *manipulability_measure(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -38,6 +42,10 @@ static PyMethodDef methods[] = {
     METHOD(solve, "The lexicographic optimum of stacked levels; see _kernel.pyi."),
     METHOD(step, "The same, with the rows of tasks and limits made here; see _kernel.pyi."),
     METHOD(usable, "Whether a cycle's numbers are finite and x_d is a pose; see _kernel.pyi."),
+    METHOD(frozen, "A copy of numbers that cannot be written."),
+    METHOD(record, "An instance of a dataclass with slots, without its __init__."),
+    METHOD(moved, "Where joints are a step later."),
+    METHOD(all_finite, "Whether all numbers are finite."),
     METHOD(law, "The paper's law, equation (6)."),
     METHOD(singularity_product, "Objective and gradient of SingularityProduct."),
     METHOD(manipulability_measure, "Objective and gradient of Manipulability."),

@@ -7,8 +7,17 @@
 
 #define MOST_SWEEPS 30
 
+#define PAIRS (RANK * (RANK - 1) / 2)
+
+/* Every two rows once, in an order in which the next pairs need not wait for the last. */
+static const int pairs[PAIRS][2] = {
+    {0, 1}, {2, 3}, {4, 5}, {0, 2}, {1, 4}, {3, 5}, {0, 3}, {2, 4},
+    {1, 5}, {0, 4}, {1, 3}, {2, 5}, {0, 5}, {1, 2}, {3, 4},
+};
+
 /* Two rows a, b (count) become cos a - sin b, sin a + cos b. */
-static void rotate(double *a, double *b, double cosine, double sine, int count)
+static inline void rotate(double *restrict a, double *restrict b, double cosine, double sine,
+                          int count)
 {
     for (int k = 0; k < count; ++k) {
         const double g = a[k], h = b[k];
@@ -17,25 +26,30 @@ static void rotate(double *a, double *b, double cosine, double sine, int count)
 }
 
 /* Rotate the rows of G (r, m) until they are orthogonal: G <- W G, with W (r, r) orthonormal, or
- * NULL where it is not needed; s (r) their lengths. */
-static void orthogonalise(double *G, int r, int m, double *W, double *s)
+ * NULL where it is not needed; s (r) their lengths. Called with constants for r and m, it is
+ * unrolled. Squared lengths follow the rotations and are made anew once a sweep. */
+static inline void orthogonalise(double *G, int r, int m, double *W, double *s)
 {
+    double square[RANK];
     for (int i = 0; W != NULL && i < r * r; ++i) W[i] = i % (r + 1) == 0 ? 1.0 : 0.0;
     int turned = 1;
     for (int sweep = 0; sweep < MOST_SWEEPS && turned; ++sweep) {
         turned = 0;
-        for (int i = 0; i < r - 1; ++i)
-            for (int j = i + 1; j < r; ++j) {
-                double *g = G + i * m, *h = G + j * m;
-                const double a = dot(g, g, m), b = dot(h, h, m), c = dot(g, h, m);
-                if (!(c * c > ENOUGH * ENOUGH * a * b)) continue;
-                const double zeta = (b - a) / (2.0 * c);
-                const double t = copysign(1.0, zeta) / (fabs(zeta) + sqrt(1.0 + zeta * zeta));
-                const double cosine = 1.0 / sqrt(1.0 + t * t);
-                rotate(g, h, cosine, cosine * t, m);
-                if (W != NULL) rotate(W + i * r, W + j * r, cosine, cosine * t, r);
-                turned = 1;
-            }
+        for (int i = 0; i < r; ++i) square[i] = dot(G + i * m, G + i * m, m);
+        for (int pair = 0; pair < PAIRS; ++pair) {
+            const int i = pairs[pair][0], j = pairs[pair][1];
+            if (j >= r) continue;
+            double *g = G + i * m, *h = G + j * m;
+            const double c = dot(g, h, m);
+            if (!(c * c > ENOUGH * ENOUGH * square[i] * square[j])) continue;
+            const double apart = square[j] - square[i];
+            const double size = sqrt(apart * apart + 4.0 * c * c), sum = fabs(apart) + size;
+            const double cosine = sqrt(sum / (2.0 * size)), t = copysign(2.0, apart) * c / sum;
+            rotate(g, h, cosine, cosine * t, m);
+            if (W != NULL) rotate(W + i * r, W + j * r, cosine, cosine * t, r);
+            square[i] -= t * c, square[j] += t * c;
+            turned = 1;
+        }
     }
     for (int i = 0; i < r; ++i) s[i] = sqrt(dot(G + i * m, G + i * m, m));
 }
@@ -53,7 +67,12 @@ void decompose(const double *A, int m, int n, int with_W, Svd *svd, Arena *arena
     factor(A, m, n, 0.0, L, svd->Q, order);
     for (int i = 0; i < r; ++i)
         for (int k = 0; k < m; ++k) svd->G[i * m + order[k]] = L[k * n + i];
-    orthogonalise(svd->G, r, m, svd->W, svd->s);
+    if (r == RANK && m == 8)
+        orthogonalise(svd->G, RANK, 8, svd->W, svd->s);
+    else if (r == RANK && m == 6)
+        orthogonalise(svd->G, RANK, 6, svd->W, svd->s);
+    else
+        orthogonalise(svd->G, r, m, svd->W, svd->s);
 }
 
 /* Of A (m, n), m >= 6. */

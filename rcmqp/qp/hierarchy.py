@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from rcmqp import _kernel
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.qp.levels import ROUTES, Answer, Bounds, HierarchySolution, Level, Route
+from rcmqp.qp.levels import Answer, Bounds, HierarchySolution, Level, Route
 from rcmqp.qp.problem import QP, InvalidProblem, QPSolver, Status, checked
 from rcmqp.qp.solvers import check_options, get_solver, solver_names
 
@@ -20,8 +20,8 @@ HEAVY = 1e-4
 """A backend's answer proposes the rows with multipliers above this, times the heaviest."""
 
 _REGULARISATION = 1e-6
-Asked: TypeAlias = dict[int, Status]
-"""A backend's verdicts, by level; 1 is the first."""
+NOT_ASKED: Mapping[int, Status] = MappingProxyType({})
+"""The verdicts where no backend was asked."""
 
 _DEFAULTS: dict[str, dict[str, Any]] = {
     "proxqp": {"eps_abs": 1e-5, "max_iter": 20, "max_iter_in": 20}
@@ -70,6 +70,7 @@ class Hierarchy:
         self._solvers: list[QPSolver] = []
         self._native: Any = None
         self._guesses: dict[tuple[int, int], Array] = {}
+        self._verdicts: dict[int, Status] = {}
         if backend == "active_set":
             if options:
                 raise OptionError(f"active_set has no options, {sorted(options)} given")
@@ -122,44 +123,46 @@ class Hierarchy:
         A = np.concatenate([*blocks, np.eye(n)])
         b = np.concatenate([*(level.b for level in levels), rest])
         ends = np.cumsum([*(level.b.size for level in levels), n])
-        answer = Answer(ends, n, b.size, bounds.d.size)
-        answer.lower[:], answer.upper[:] = bounds.lower, bounds.upper
-        problem = (A, b, ends, bounds.C, bounds.d, guarded)
-        asked: Asked = {}
+        problem = (A, b, ends, bounds.lower, bounds.upper, bounds.C, bounds.d, guarded)
+        guess = self.guess((len(ends) + 1, n + bounds.d.size))
         if self._native is None:
-            answer.summary = _kernel.solve(
-                *problem, self.max_rounds, self.guess(answer), answer.numbers, self.asking(asked)
-            )
+            v, numbers = _kernel.solve(*problem, self.max_rounds, None, guess, self.asks)
+            answer = Answer(numbers, ends, n, bounds.d.size)
         else:
-            found = self._native.solve(A, b, ends, bounds)
-            answer.numbers[2 * n : 3 * n] = 0.0 if found is None else found
-            answer.summary = _kernel.solve(*problem, 0, self.guess(answer), answer.numbers, None)
-            answer.info[:, 0] = ROUTES.index(Route.KEPT if found is None else Route.UNVERIFIED)
-            answer.info[:, 2] = np.nan
-        answer.close()
+            proposed = self._native.solve(A, b, ends, bounds)
+            route = Route.KEPT if proposed is None else Route.UNVERIFIED
+            v = np.zeros(n) if proposed is None else proposed
+            v, numbers = _kernel.solve(*problem, 0, v, guess, None)
+            answer = Answer(numbers, ends, n, bounds.d.size).unproved(route)
         names = [level.name for level in levels]
-        return HierarchySolution(answer, names, bounds.names, asked)
+        return HierarchySolution(v, bounds.names, answer, names, self.verdicts())
 
     @property
     def compiled(self) -> bool:
         """Whether compiled code solves the levels: everything but ``daqp_levels``."""
         return self._native is None
 
-    def guess(self, answer: Answer) -> Array:
+    def guess(self, shape: tuple[int, int]) -> Array:
         """(levels + 1, n + m) the active set found last, where one was needed."""
-        shape = (answer.ends.size + 1, answer.n + answer.m)
         found = self._guesses.get(shape)
         if found is None:
             found = self._guesses[shape] = np.zeros(shape)
         return found
 
-    def asking(self, asked: Asked) -> Callable[..., Array] | None:
-        """What compiled code calls for a blocked level; verdicts go into ``asked``."""
-        return partial(self._propose, asked) if self._solvers else None
+    @property
+    def asks(self) -> Callable[..., Array] | None:
+        """What compiled code calls for a blocked level, if anything."""
+        return self._propose if self._solvers else None
+
+    def verdicts(self) -> Mapping[int, Status]:
+        """What the backend answered since the last call, by level; 1 is the first."""
+        if not self._verdicts:
+            return NOT_ASKED
+        verdicts, self._verdicts = self._verdicts, {}
+        return verdicts
 
     def _propose(
         self,
-        asked: Asked,
         k: int,
         M: Array,
         c: Array,
@@ -173,7 +176,7 @@ class Hierarchy:
         """
         while len(self._solvers) < k:
             self._solvers.append(get_solver(self.backend, **self._options))
-        asked[k], z = propose(self._solvers[k - 1], M, c, R, lower, upper)
+        self._verdicts[k], z = propose(self._solvers[k - 1], M, c, R, lower, upper)
         heavy = np.abs(z) > HEAVY * float(np.abs(z).max(initial=0.0))
         heavy &= np.isfinite(np.where(z > 0.0, upper, lower))
         return np.where(heavy, np.sign(z), 0.0)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
@@ -133,6 +133,7 @@ class LevelResult:
     backend: Status | None
 
 
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class HierarchySolution:
     """The lexicographic optimum and an account of it, made when it is asked for.
 
@@ -141,17 +142,11 @@ class HierarchySolution:
         names: (n + m,) of the bounds.
     """
 
-    __slots__ = ("_answer", "_asked", "_level_names", "names", "v")
-
-    def __init__(
-        self,
-        answer: Answer,
-        level_names: Sequence[str],
-        names: Sequence[str],
-        asked: Mapping[int, Status] = MappingProxyType({}),
-    ) -> None:
-        self._answer, self._level_names, self._asked = answer, level_names, asked
-        self.v, self.names = answer.v, names
+    v: Array
+    names: Sequence[str]
+    _answer: Answer
+    _level_names: Sequence[str]
+    _asked: Mapping[int, Status]
 
     @property
     def violation(self) -> Array:
@@ -160,8 +155,14 @@ class HierarchySolution:
 
     @property
     def summary(self) -> tuple[float, ...]:
-        """See Answer."""
-        return self._answer.summary
+        """|A v - b| of each level but the rest; whether all is exact; joints at a bound; largest
+        excess of a hard row; largest KKT residual of a level.
+        """
+        norms = (float(np.linalg.norm(level.residual)) for level in self.levels)
+        bounded = self.at_lower | self.at_upper[: self.v.size]
+        excess = float(self.violation.max(initial=0.0))
+        kkt = float(self._answer.info[1:, 2].max())
+        return (*norms, float(self.exact), float(bounded.sum()), excess, kkt)
 
     @property
     def limits(self) -> LevelResult:
@@ -237,31 +238,29 @@ ROUTES = tuple(Route)
 """In the order of their numbers in compiled code."""
 
 
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Answer:
-    """Numbers of one solve, as compiled code leaves them; new ones each time.
+    """Numbers of one solve, as compiled code leaves them; read-only.
 
     Attributes:
         numbers: all of them in one array, in the order of the properties.
         ends: (levels,) where each level's rows end; the last level is the rest.
         n: unknowns.
         m: hard rows.
-        summary: |A v - b| of each level but the rest; whether all is exact; joints at a bound;
-            largest excess of a hard row; largest KKT residual of a level.
-        v: (n,).
     """
 
-    __slots__ = ("ends", "m", "n", "numbers", "summary", "v")
+    numbers: Array
+    ends: NDArray[np.int64]
+    n: int
+    m: int
 
-    def __init__(self, ends: NDArray[np.int64], n: int, rows: int, m: int) -> None:
-        bounds, count = n + m, ends.size + 1
-        self.ends, self.n, self.m = ends, n, m
-        self.numbers = np.empty(3 * n + rows + m + 2 * bounds + count * (bounds + 4))
-        self.summary: tuple[float, ...] = ()
-
-    def close(self) -> None:
-        """Make everything read-only, and v."""
-        self.numbers.setflags(write=False)
-        self.v: Array = self.numbers[2 * self.n : 3 * self.n]
+    def unproved(self, route: Route) -> Answer:
+        """The same, each level answered by that route, without a proof."""
+        numbers = self.numbers.copy()
+        info = numbers[-4 * (self.ends.size + 1) :].reshape(-1, 4)
+        info[:, 0], info[:, 2] = ROUTES.index(route), np.nan
+        numbers.setflags(write=False)
+        return dataclasses.replace(self, numbers=numbers)
 
     @property
     def lower(self) -> Array:

@@ -1,0 +1,106 @@
+/* What a cycle's objects are made of: frozen arrays, records without Python's constructor, a step
+ * of the joints. */
+
+#define NO_IMPORT_ARRAY
+#include "arrays.h"
+
+#include <math.h>
+
+PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
+
+/* frozen(values, size, ...): a copy of that shape as float64, C-contiguous, that cannot be written;
+ * None if the shape is another. */
+PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (count < 2) {
+        PyErr_Format(PyExc_TypeError, "frozen() takes values and a shape, %zd given", count);
+        return NULL;
+    }
+    const int flags = NPY_ARRAY_CARRAY | NPY_ARRAY_ENSURECOPY | NPY_ARRAY_ENSUREARRAY;
+    PyArrayObject *array = (PyArrayObject *)PyArray_FromAny(
+        args[0], PyArray_DescrFromType(NPY_DOUBLE), 0, 0, flags | NPY_ARRAY_FORCECAST, NULL);
+    if (array == NULL) return NULL;
+    int fits = PyArray_NDIM(array) == count - 1;
+    for (int i = 0; fits && i < PyArray_NDIM(array); ++i)
+        fits = PyArray_DIM(array, i) == PyLong_AsSsize_t(args[i + 1]);
+    if (!fits || PyErr_Occurred()) {
+        Py_DECREF(array);
+        if (PyErr_Occurred()) return NULL;
+        Py_RETURN_NONE;
+    }
+    PyArray_CLEARFLAGS(array, NPY_ARRAY_WRITEABLE);
+    return (PyObject *)array;
+}
+
+/* record(cls, ...): cls(...) for a dataclass with slots and without __post_init__, every field
+ * given. A frozen one's own __init__ takes some 100 ns a field, this 20. */
+PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    static PyObject *fields;
+    (void)self;
+    if (fields == NULL && (fields = PyUnicode_InternFromString("__match_args__")) == NULL)
+        return NULL;
+    if (count < 1 || !PyType_Check(args[0])) {
+        PyErr_SetString(PyExc_TypeError, "record() takes a dataclass and its fields");
+        return NULL;
+    }
+    PyTypeObject *type = (PyTypeObject *)args[0];
+    PyObject *names = PyObject_GetAttr(args[0], fields), *made = NULL;
+    if (names != NULL && (!PyTuple_Check(names) || PyTuple_GET_SIZE(names) != count - 1))
+        PyErr_Format(PyExc_TypeError, "record() needs every field of %s", type->tp_name);
+    else if (names != NULL)
+        made = type->tp_alloc(type, 0);
+    for (Py_ssize_t i = 0; made != NULL && i < count - 1; ++i)
+        if (PyObject_GenericSetAttr(made, PyTuple_GET_ITEM(names, i), args[i + 1]) < 0)
+            Py_CLEAR(made);
+    Py_XDECREF(names);
+    return made;
+}
+
+/* moved(q, v, dt): q + dt v; None if the two are no vectors of one size. */
+PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (count != 3) {
+        PyErr_Format(PyExc_TypeError, "moved() takes 3 arguments, %zd given", count);
+        return NULL;
+    }
+    const double dt = PyFloat_AsDouble(args[2]);
+    if (PyErr_Occurred()) return NULL;
+    PyArrayObject *q = numbers_in(args[0]), *v = q == NULL ? NULL : numbers_in(args[1]);
+    PyObject *next = NULL;
+    if (v != NULL && PyArray_NDIM(q) == 1 && is_vector(v, PyArray_SIZE(q))) {
+        npy_intp size = PyArray_SIZE(q);
+        if ((next = PyArray_SimpleNew(1, &size, NPY_DOUBLE)) != NULL) {
+            const double *from = PyArray_DATA(q), *by = PyArray_DATA(v);
+            double *to = PyArray_DATA((PyArrayObject *)next);
+            for (npy_intp i = 0; i < size; ++i) to[i] = from[i] + dt * by[i];
+        }
+    } else if (v != NULL) {
+        next = Py_NewRef(Py_None);
+    }
+    Py_XDECREF(q);
+    Py_XDECREF(v);
+    return next;
+}
+
+/* all_finite(values): whether every number is finite. */
+PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (count != 1) {
+        PyErr_Format(PyExc_TypeError, "all_finite() takes 1 argument, %zd given", count);
+        return NULL;
+    }
+    PyArrayObject *array = numbers_in(args[0]);
+    if (array == NULL) return NULL;
+    const double *numbers = PyArray_DATA(array);
+    int all = 1;
+    for (npy_intp i = 0; i < PyArray_SIZE(array); ++i) all = all && fabs(numbers[i]) < INFINITY;
+    Py_DECREF(array);
+    return PyBool_FromLong(all);
+}
