@@ -12,6 +12,7 @@ Backend = Callable[[int, Array, Array, Array, Array, Array], Array]
 RCM: int
 TIP: int
 ROLL: int
+POSE: int
 POSTURE: int
 SRS_PRODUCT: int
 MANIPULABILITY: int

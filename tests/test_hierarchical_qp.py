@@ -159,8 +159,7 @@ def test_the_report_says_which_of_its_limits_a_joint_is_at(
     v_before[i] = before * arm.velocity[i]
     if limit == "acceleration limit":
         v[i] = v_before[i] + T * arm.acceleration[i]
-    account.v = v
-    moved = dataclasses.replace(answer, v=v)
+    moved = dataclasses.replace(answer, v=v, account=dataclasses.replace(account, v=v))
     report = controller.report(insertion.state(insertion.q_start, v_before), moved)
     assert re.search(rf"tip: .* {joint} \((upper|lower) {limit}\)", report)
 

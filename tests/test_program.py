@@ -16,7 +16,7 @@ from rcmqp.controllers.program import LevelOfTasks, Program
 from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit, TrocarCone
 from rcmqp.objectives import JointCentring
 from rcmqp.qp import HierarchySolution
-from rcmqp.tasks import DepthTask, ObjectiveTask, PostureTask, RcmTask, RollTask, TipTask
+from rcmqp.tasks import DepthTask, ObjectiveTask, PoseTask, PostureTask, RcmTask, RollTask, TipTask
 
 T = 1e-3
 ARMS = ("lwa3", "panda", "meka_a2", "kinova")
@@ -42,7 +42,12 @@ def a_moving_sphere(insertion: Insertion) -> tuple[None, list[Limit]]:
     return None, [JointLimits(insertion.arm, T, margin=0.01, acceleration=False), sphere]
 
 
+def pose_above_the_posture(insertion: Insertion) -> tuple[list[LevelOfTasks], None]:
+    return [PoseTask(gain=40.0), PostureTask.made_for(insertion)], None
+
+
 CUTS: dict[str, Cut] = {
+    "pose above the posture": pose_above_the_posture,
     "default": lambda insertion: (None, None),
     "posture below the tool": posture_below_the_tool,
     "a moving sphere": a_moving_sphere,
@@ -85,6 +90,8 @@ def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str)
             assert mine.name == theirs.name
             assert_allclose(mine.residual, theirs.residual, rtol=1e-9, atol=1e-9)
         assert answer.diagnostics.keys() == expected.diagnostics.keys()
+        numbers, others = (list(found.diagnostics.values()) for found in (answer, expected))
+        assert_allclose(numbers, others, rtol=1e-9, atol=1e-9)
         active += answer.diagnostics["joints_at_limit"] > 0
     assert active >= 3
 

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp._kernel import all_finite, usable
 from rcmqp import dualquaternion as dq
+from rcmqp._kernel import all_finite, usable
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError

@@ -175,9 +175,7 @@ class HierarchicalQP(Controller):
         )
         answer = _kernel.record(Answer, numbers, program.ends, program.n, program.rows)
         asked = hierarchy.verdicts()
-        solution = _kernel.record(
-            HierarchySolution, v, program.names, answer, self._names, asked
-        )
+        solution = _kernel.record(HierarchySolution, v, program.names, answer, self._names, asked)
         return Command.of(v, summary, solution)
 
 

@@ -92,7 +92,7 @@ class Program:
         )
 
 
-_ROWS = {_kernel.RCM: 2, _kernel.TIP: 3, _kernel.ROLL: 1}
+_ROWS = {_kernel.RCM: 2, _kernel.TIP: 3, _kernel.ROLL: 1, _kernel.POSE: 8}
 """Rows of a task; of the others, one a joint."""
 
 

@@ -1,41 +1,9 @@
 #include "law.h"
 
-#include "dualquaternion.h"
+#include "pose.h"
 #include "svd.h"
 
 #include <math.h>
-
-/* turn (8) = x* x_d, with x_d on x's side, and K e less what is fed forward:
- * wanted (8) = K vec(1 - x* x_d) - vec(x* x_d'), equation (3). */
-static void see_error(const Law *law, const Sight *sight, double *turn, double *wanted)
-{
-    const double side = dot(sight->x, sight->x_d, 4) < 0.0 ? -1.0 : 1.0;
-    double x_conj[8], z[8], fed[8] = {0.0};
-    dq_conj(sight->x, x_conj);
-    for (int i = 0; i < 8; ++i) z[i] = side * sight->x_d[i];
-    dq_mul(x_conj, z, turn);
-    if (law->feed_forward) {
-        for (int i = 0; i < 8; ++i) z[i] = side * sight->x_d_dot[i];
-        dq_mul(x_conj, z, fed);
-    }
-    for (int i = 0; i < 8; ++i)
-        wanted[i] = law->numbers[K] * ((i == 0 ? 1.0 : 0.0) - turn[i]) - fed[i];
-}
-
-/* N (8, n) = H-(x_d) C_8 J_dq of equation (3), without J_dq: with z = x* x_d, the twists (nu,
- * omega) in J's columns give N v = vec(conj(x') x_d) = -vec((omega + eps nu) z) / 2. */
-static void make_N(const double *J, int n, const double *turn, double *N)
-{
-    double twist[8] = {0.0}, column[8];
-    for (int j = 0; j < n; ++j) {
-        for (int i = 0; i < 3; ++i) {
-            twist[1 + i] = -0.5 * J[(3 + i) * n + j];
-            twist[5 + i] = -0.5 * J[i * n + j];
-        }
-        dq_mul(twist, turn, column);
-        for (int i = 0; i < 8; ++i) N[i * n + j] = column[i];
-    }
-}
 
 /* lambda^2 of the variable damping at N's least singular value; see DualQuaternion.damping. */
 static double damped(const double *numbers, double least)
@@ -72,9 +40,13 @@ void follow(const Law *law, const Sight *sight, double *v, Found *found, Arena *
     const size_t mark = arena->used;
     const int n = law->n;
     const double *numbers = law->numbers;
-    double turn[8], wanted[8], seen[RANK] = {0.0}, answer[RANK] = {0.0}, *N = take(arena, 8 * n);
+    double turn[8], fed[8], wanted[8], seen[RANK] = {0.0}, answer[RANK] = {0.0}, *N = take(arena, 8 * n);
     Svd svd;
-    see_error(law, sight, turn, wanted);
+    see_turn(sight->x, sight->x_d, sight->x_d_dot, turn, fed);
+    for (int i = 0; i < 8; ++i) {
+        wanted[i] = numbers[K] * ((i == 0 ? 1.0 : 0.0) - turn[i]);
+        if (law->feed_forward) wanted[i] -= fed[i];
+    }
     make_N(sight->J, n, turn, N);
     decompose(N, 8, n, 1, &svd, arena);
     double largest = svd.s[0], least = svd.s[0];

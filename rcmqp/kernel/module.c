@@ -75,7 +75,7 @@ PyMODINIT_FUNC PyInit__kernel(void)
         const char *name;
         long value;
     } kinds[] = {
-        {"RCM", RCM}, {"TIP", TIP}, {"ROLL", ROLL}, {"POSTURE", POSTURE},
+        {"RCM", RCM}, {"TIP", TIP}, {"ROLL", ROLL}, {"POSE", POSE}, {"POSTURE", POSTURE},
         {"SRS_PRODUCT", SRS_PRODUCT}, {"MANIPULABILITY", MANIPULABILITY}, {"JOINTS", JOINTS},
         {"TROCAR_CONE", TROCAR_CONE}, {"TROCAR_DEPTH", TROCAR_DEPTH}, {"KEEP_OUT", KEEP_OUT},
         {"TASK_NUMBERS", TASK_NUMBERS}, {"LIMIT_NUMBERS", LIMIT_NUMBERS},

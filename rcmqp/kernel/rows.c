@@ -1,5 +1,7 @@
 #include "rows.h"
 
+#include "pose.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -163,6 +165,15 @@ static void roll_rows(const Cycle *cycle, double gain, double *A, double *b)
         for (int j = 0; j < cycle->n; ++j) A[j] += own[i] * cycle->J[(3 + i) * cycle->n + j];
 }
 
+static void pose_rows(const Cycle *cycle, double gain, double *A, double *b)
+{
+    double turn[8], turn_dot[8];
+    see_turn(cycle->x, cycle->x_d, cycle->x_d_dot, turn, turn_dot);
+    make_N(cycle->J, cycle->n, turn, A);
+    for (int i = 0; i < 8 * cycle->n; ++i) A[i] = -A[i];
+    for (int i = 0; i < 8; ++i) b[i] = -gain * ((i == 0 ? 1.0 : 0.0) - turn[i]) + turn_dot[i];
+}
+
 /* c = s4^2 (1 - c2^2 s3^2) (1 - c6^2 s5^2) (1 - c2^2 c6^2), and its gradient (7). */
 double srs_product(const double *angles, const double *offsets, double *gradient)
 {
@@ -250,6 +261,7 @@ int rows_of_task(const double *line, int n)
     case RCM: return 2;
     case TIP: return 3;
     case ROLL: return 1;
+    case POSE: return 8;
     case SRS_PRODUCT: return n == 7 ? n : -1;
     case POSTURE: return n;
     case MANIPULABILITY: return n >= 6 ? n : -1;
@@ -269,6 +281,7 @@ void task_rows(const Cycle *cycle, const double *line, const double *vectors, do
     case RCM: rcm_rows(cycle, first, second, A, b); break;
     case TIP: tip_rows(cycle, first, second, A, b); break;
     case ROLL: roll_rows(cycle, first, A, b); break;
+    case POSE: pose_rows(cycle, first, A, b); break;
     case POSTURE: posture_rows(cycle, first, vectors, A, b); break;
     case SRS_PRODUCT:
         c = srs_product(cycle->angles, vectors, gradient);

@@ -12,6 +12,7 @@ typedef enum {
     RCM,            /* gain, period (0: no second order) */
     TIP,            /* gain, tip_depth */
     ROLL,           /* gain */
+    POSE,           /* gain */
     POSTURE,        /* gain; vectors: posture, continuous */
     SRS_PRODUCT,    /* K_c, c_d; vectors: offsets, - */
     MANIPULABILITY, /* K_c, c_d */

@@ -155,7 +155,9 @@ class HierarchySolution:
 
     @property
     def summary(self) -> tuple[float, ...]:
-        """|A v - b| of each level but the rest; whether all is exact; joints at a bound; largest
+        """What a run records of a step.
+
+        |A v - b| of each level but the rest; whether all is exact; joints at a bound; largest
         excess of a hard row; largest KKT residual of a level.
         """
         norms = (float(np.linalg.norm(level.residual)) for level in self.levels)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import C8
 from rcmqp.reference import Reference
-from rcmqp.tasks.base import Residual, Task
+from rcmqp.tasks.base import Program, Residual, Task
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +37,7 @@ class PoseTask(Task):
         x_conj = dq.conj(state.x)
         N = dq.H8_minus(x_d) @ C8 @ state.J_dq
         return Residual(dq.IDENTITY - dq.mul(x_conj, x_d), -N, -dq.mul(x_conj, x_d_dot))
+
+    def program(self) -> Program:
+        """For compiled code."""
+        return (_kernel.POSE, math.sqrt(self.weight), self.gain, 0.0), ()

@@ -1,0 +1,76 @@
+"""What compiled code makes for a cycle is what Python would have made."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from rcmqp import ArmState, Reference, load_arm
+from rcmqp._kernel import all_finite, frozen, record
+from rcmqp.controllers import Command
+from rcmqp.errors import InvalidCommand
+
+
+@pytest.mark.parametrize("kind", [ArmState, Reference, Command])
+def test_a_record_is_what_its_constructor_makes(kind: type) -> None:
+    names = [item.name for item in dataclasses.fields(kind)]
+    values = [object() for _ in names]
+    made: object = record(kind, *values)
+    constructed = kind(*values)
+    assert type(made) is kind
+    for name, value in zip(names, values, strict=True):
+        assert getattr(made, name) is getattr(constructed, name) is value
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(made, names[0], None)
+
+
+def test_a_record_needs_every_field() -> None:
+    with pytest.raises(TypeError, match=r"every field of .*Reference"):
+        record(Reference, 1, 2, 3)
+    with pytest.raises(AttributeError, match="__match_args__"):
+        record(int, 1)
+
+
+def test_frozen_numbers_are_a_copy_that_cannot_be_written() -> None:
+    mine = np.arange(12.0).reshape(3, 4)
+    for values in (mine, np.asfortranarray(mine), mine.tolist(), mine.astype(np.float32)):
+        copy = frozen(values, 3, 4)
+        assert copy is not None
+        assert np.array_equal(copy, mine)
+        assert copy.dtype == np.float64
+        assert copy.flags.c_contiguous
+        assert not np.shares_memory(copy, mine)
+        with pytest.raises(ValueError, match="read-only"):
+            copy[0] = 0.0
+    assert frozen(mine, 4, 3) is None
+    assert frozen(mine, 12) is None
+    with pytest.raises(ValueError, match="could not convert"):
+        frozen(["north"], 1)
+
+
+def test_numbers_are_all_finite_or_not() -> None:
+    assert all_finite(np.array([1.0, -1e308]))
+    for wrong in (np.nan, np.inf, -np.inf):
+        assert not all_finite(np.array([0.0, wrong, 0.0]))
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_a_step_of_the_joints_is_pinocchios_to_the_bit(name: str) -> None:
+    arm, rng = load_arm(name), np.random.default_rng(3)
+    for _ in range(20):
+        q, v = arm.configuration(arm.random_angles(rng)), rng.normal(size=arm.nv)
+        assert np.array_equal(arm.integrate(q, v, 1e-3), pin.integrate(arm.model, q, 1e-3 * v))
+
+
+def test_a_step_of_joints_that_are_not_the_arms_is_refused() -> None:
+    arm, six, seven = load_arm("panda"), np.zeros(6), np.zeros((7, 1))
+    for q, v in (
+        (arm.home, np.zeros(6)),
+        (np.zeros(6), np.zeros(6)),
+        (arm.home, np.zeros((7, 1))),
+    ):
+        with pytest.raises(InvalidCommand, match=r"must be \(7,\) and \(7,\)"):
+            arm.integrate(q, v, 1e-3)
