@@ -67,10 +67,6 @@ def test_a_step_of_the_joints_is_pinocchios_to_the_bit(name: str) -> None:
 
 def test_a_step_of_joints_that_are_not_the_arms_is_refused() -> None:
     arm, six, seven = load_arm("panda"), np.zeros(6), np.zeros((7, 1))
-    for q, v in (
-        (arm.home, np.zeros(6)),
-        (np.zeros(6), np.zeros(6)),
-        (arm.home, np.zeros((7, 1))),
-    ):
+    for q, v in ((arm.home, six), (six, six), (arm.home, seven)):
         with pytest.raises(InvalidCommand, match=r"must be \(7,\) and \(7,\)"):
             arm.integrate(q, v, 1e-3)
