@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
@@ -263,3 +264,15 @@ def test_a_planner_that_was_reset_is_as_new() -> None:
     planner.reset()
     near = view_pose(x_rcm, ViewCommand(alpha=0.5 * FAR_ANGLE))
     assert planner.step(near) is near
+
+
+@pytest.mark.parametrize("name", ["x_d", "pivot", "pivot_dot"])
+def test_a_reference_that_is_no_number_leaves_the_plan_where_it_was(name: str) -> None:
+    x_rcm = random_rcm()
+    far = view_pose(x_rcm, FAR_VIEWS[0])
+    lost = dataclasses.replace(far, **{name: np.full_like(getattr(far, name), np.nan)})
+    planner, undisturbed = (Planner(x_rcm, 9, PERIOD) for _ in range(2))
+    for cycle in range(15):
+        if cycle in (0, 4, 13):
+            assert planner.step(lost) is lost
+        assert_allclose(planner.step(far).x_d, undisturbed.step(far).x_d, rtol=0, atol=0)

@@ -33,13 +33,24 @@ static double half_turn(const double *r_l, const double *r_d, double *log)
     return atan2(size, fabs(w));
 }
 
+static int is_finite(const double *numbers, int count)
+{
+    for (int i = 0; i < count; ++i)
+        if (!(fabs(numbers[i]) < INFINITY)) return 0;
+    return 1;
+}
+
 /* One part of the way, equations (9) to (11); see Planner.step().
  *
  * Moves place on, writes the reference on the way, x_d (8) and x_d_dot (8), and returns 1; or 0
- * where what is wanted is near and is to be followed as it is. */
+ * where what is wanted is to be followed as it is: it is near; or it is no number, and place stays
+ * what it was. */
 int go_on(const Plan *plan, Place *place, const Wanted *wanted, double *x_d, double *x_d_dot)
 {
     double offset[3], log[3], target[8], r_l[8] = {0.0}, r_d[4], r_t[4];
+    if (!(is_finite(wanted->x_d, 8) && is_finite(wanted->pivot, 3) &&
+          is_finite(wanted->pivot_dot, 3)))
+        return 0;
     for (int i = 0; i < 3; ++i) offset[i] = wanted->pivot[i] - plan->pivot_0[i];
     memcpy(target, wanted->x_d, sizeof target);
     dq_carry(wanted->x_d, offset, -1.0, target);
