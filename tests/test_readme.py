@@ -11,16 +11,18 @@ from rcmqp.metrics import compute_metrics
 from rcmqp.reproduce import ARMS, LAW, PERIODS, comparison_table, helix
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-SHOWN = re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", README, flags=re.DOTALL)
+SHOWN = re.findall(
+    r"```python\n(.*?)```\n\n(?:```text\n(.*?)```)?", README, flags=re.DOTALL
+)
 
 
-def test_each_program_prints_what_stands_below_it() -> None:
-    assert SHOWN
+def test_each_program_runs_and_prints_what_stands_below_it() -> None:
+    assert sum(bool(printed) for _, printed in SHOWN) >= 4
     for program, printed in SHOWN:
         out = io.StringIO()
         with contextlib.redirect_stdout(out):
             exec(compile(program, "README.md", "exec"), {})
-        assert out.getvalue() == printed
+        assert out.getvalue() == printed or (out.getvalue() and not printed)
 
 
 def test_the_results_are_those_that_reproduce_prints() -> None:
