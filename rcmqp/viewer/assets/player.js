@@ -11,8 +11,13 @@ for (const kind of ["error", "unhandledrejection"])
     if ($("wait")) $("wait").textContent = `this browser cannot show the run: ${why}`;
   });
 
-await runScript("meshcat-gz");
-const data = await readData();
+// #scene, #endoscope: only that, as large as the window, for pictures.
+const solo = location.hash.slice(1);
+if (solo) document.body.dataset.solo = solo;
+
+const [meshcat, numbers, plotly] = ["meshcat-gz", "data-gz", "plotly-gz"].map(inflate); // side by side
+runScript(await meshcat);
+const data = readData(await numbers);
 const stage = new Stage($("scene"), $("scope"), data);
 const duration = Math.max(...data.runs.map((run) => run.frames.time.at(-1)));
 const state = { time: 0, playing: false, speed: 1, main: 0, ghosts: false, limits: false, close: false, magnify: fitting() };
@@ -134,19 +139,12 @@ function tick(now) {
   requestAnimationFrame(tick);
 }
 
-// #scene, #endoscope: only that, as large as the window, for pictures.
-const solo = location.hash.slice(1);
-if (solo) document.body.dataset.solo = solo;
-else await runScript("plotly-gz");
 furnishControls();
 theme(document.documentElement.dataset.theme);
 stage.resize();
 choose({});
 seek(0);
-if (!solo) {
-  plots = new Plots($("plots"), data.runs, seek);
-  await plots.draw(0);
-}
+stage.render();
 $("wait").remove();
 requestAnimationFrame(tick);
 
@@ -154,10 +152,12 @@ requestAnimationFrame(tick);
 // draw(); picture() draws, and returns one pane as a PNG's data URL.
 window.rcmqp = {
   duration,
-  openedIn: performance.now(), // [ms] since the browser was told to open the page
+  drawnIn: performance.now(), // [ms] from opening the page to the scene, which can be played
+  openedIn: null, // [ms] to all of the page, plots too
   get time() { return state.time; },
   get playing() { return state.playing; },
   get speed() { return state.speed; },
+  get draws() { return stage.draws; }, // how often the scene was drawn
   seek,
   play: () => play(true),
   pause: () => play(false),
@@ -176,4 +176,14 @@ window.rcmqp = {
     return (which === "scene" ? stage.viewer.renderer : stage.scope).domElement.toDataURL();
   },
 };
+
+// Plotly is large: the scene can be looked at, and played, while the plots are prepared.
+if (!solo) {
+  await new Promise((done) => setTimeout(done, 30)); // until the scene is on the screen
+  runScript(await plotly);
+  plots = new Plots($("plots"), data.runs, seek);
+  await plots.draw(state.main);
+  plots.move(state.time);
+}
+window.rcmqp.openedIn = performance.now();
 document.documentElement.dataset.ready = "";

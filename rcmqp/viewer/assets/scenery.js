@@ -83,7 +83,7 @@ function makeBall(centre, radius, material) {
 // Soft ground beyond the deepest tip, seen through the endoscope only, to show that it moves.
 function makeGround(scene) {
   const THREE = MeshCat.THREE;
-  const geometry = new THREE.PlaneGeometry(0.8, 0.8, 200, 200);
+  const geometry = new THREE.PlaneGeometry(0.8, 0.8, 140, 140);
   const at = geometry.attributes.position;
   const tones = new Float32Array(3 * at.count);
   const [pale, deep] = [new THREE.Color(0xc9796a), new THREE.Color(0x8f3a34)].map((c) => c.convertSRGBToLinear());

@@ -36,7 +36,7 @@ class Stage {
     viewer.set_camera(this.camera);
     new ResizeObserver(() => this.resize()).observe(pane);
     new ResizeObserver(() => this.resize()).observe(scopePane);
-    this.time = 0;
+    this.time = this.draws = 0;
   }
 
   add(name, object, parent) {
@@ -229,6 +229,7 @@ class Stage {
   render() {
     if (!this.dirty && !this.viewer.needs_render) return;
     this.dirty = false;
+    this.draws += 1;
     if (this.pane.clientWidth) this.renderScene();
     if (this.scopePane.clientWidth) this.scope.render(this.viewer.scene, this.inside());
   }

@@ -1,0 +1,54 @@
+"""What is read of Collada files: triangles, sorted by colour; the only place that imports collada."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import collada
+import numpy as np
+
+from rcmqp.dualquaternion import Array
+
+Colour = tuple[float, float, float]
+"""Red, green, blue from 0 to 1."""
+
+IGNORED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+"""What a file may have wrong, such as a picture that is missing."""
+
+
+def triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
+    """A file's triangles of each colour, as its scene places them.
+
+    The file's unit counts; its up axis does not, as elsewhere where URDFs are drawn. Its normals,
+    and pictures on its faces, are left out.
+
+    Args:
+        path: of the file.
+        scale: (3,) what the URDF multiplies points with.
+
+    Returns:
+        Corners (m, 3, 3) of each colour's triangles [m]; the colour is None where there is none.
+
+    Raises:
+        collada.common.DaeError: the file cannot be read.
+    """
+    file = collada.Collada(str(path), ignore=IGNORED)
+    size = scale * (file.assetInfo.unitmeter or 1.0)
+    found: dict[Colour | None, list[Array]] = {}
+    for geometry in file.scene.objects("geometry") if file.scene else ():
+        for primitive in geometry.primitives():
+            if hasattr(primitive, "triangleset"):  # polygons
+                primitive = primitive.triangleset()
+            if isinstance(primitive, collada.triangleset.BoundTriangleSet) and len(primitive):
+                corners = primitive.vertex[primitive.vertex_index] * size
+                found.setdefault(_colour(primitive.material), []).append(corners)
+    return {colour: np.concatenate(corners) for colour, corners in found.items()}
+
+
+def _colour(material: Any) -> Colour | None:
+    diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
+    if not isinstance(diffuse, tuple | list | np.ndarray):  # none, or a picture
+        return None
+    red, green, blue = (float(x) for x in diffuse[:3])
+    return red, green, blue
