@@ -36,19 +36,22 @@ def triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
     file = collada.Collada(str(path), ignore=IGNORED)
     size = scale * (file.assetInfo.unitmeter or 1.0)
     found: dict[Colour | None, list[Array]] = {}
-    for geometry in file.scene.objects("geometry") if file.scene else ():
-        for primitive in geometry.primitives():
+    for placed in file.scene.objects("geometry") if file.scene else ():
+        for primitive in placed.original.primitives:
             if hasattr(primitive, "triangleset"):  # polygons
                 primitive = primitive.triangleset()
-            if isinstance(primitive, collada.triangleset.BoundTriangleSet) and len(primitive):
-                corners = primitive.vertex[primitive.vertex_index] * size
-                found.setdefault(_colour(primitive.material), []).append(corners)
+            if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
+                points = primitive.vertex @ placed.matrix[:3, :3].T + placed.matrix[:3, 3]
+                colour = _colour(placed.materialnodebysymbol.get(primitive.material))
+                found.setdefault(colour, []).append(points[primitive.vertex_index] * size)
     return {colour: np.concatenate(corners) for colour, corners in found.items()}
 
 
-def _colour(material: Any) -> Colour | None:
-    diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
-    if not isinstance(diffuse, tuple | list | np.ndarray):  # none, or a picture
+def _colour(bound: Any) -> Colour | None:
+    """The colour of a material as a scene binds it; None where there is none, but a picture."""
+    effect = getattr(getattr(bound, "target", None), "effect", None)
+    diffuse = getattr(effect, "diffuse", None)
+    if not isinstance(diffuse, tuple | list | np.ndarray):
         return None
     red, green, blue = (float(x) for x in diffuse[:3])
     return red, green, blue

@@ -39,7 +39,7 @@ function seek(t) {
     const [, tip, rcm, depth] = $("legend").querySelectorAll("tbody tr")[i].cells;
     tip.textContent = millimetres(sample(run, "tip_error", state.time)[0]);
     rcm.textContent = millimetres(Math.hypot(...sample(run, "slip", state.time)));
-    depth.textContent = (1e3 * sample(run, "depth", state.time)[0]).toFixed(1);
+    depth.textContent = `${(1e3 * sample(run, "depth", state.time)[0]).toFixed(1)} mm`;
   });
 }
 

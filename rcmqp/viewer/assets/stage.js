@@ -158,7 +158,7 @@ class Stage {
   frame() {
     const points = this.close ? this.workPoints() : this.allPoints();
     const { clientWidth: w, clientHeight: h } = this.pane;
-    const side = this.hasLens && !this.close ? this.lensAt[2] + 12 : 0; // left free for the lens
+    const side = this.hasLens && !this.close ? this.lensAt[2] + 14 : 0; // left free for the lens
     const above = this.pane.querySelector("#caption").offsetHeight; // and for what is written
     const share = [(w - side) / w, (h - above) / h];
     const target = this.aim(this.camera, points, this.direction(), this.close ? 1.3 : 1.06, share);
@@ -168,18 +168,21 @@ class Stage {
     this.dirty = true;
   }
 
+  // Fit both panes, if their size is another than before.
   resize() {
     const { clientWidth: w, clientHeight: h } = this.pane;
+    const scope = Math.min(this.scopePane.clientWidth, this.scopePane.clientHeight);
+    if (String([w, h, scope]) === this.size) return;
+    this.size = String([w, h, scope]);
     if (w && h) {
       this.viewer.renderer.setSize(w, h, false);
       const size = Math.round(Math.min(0.36 * w, 0.55 * h));
       this.hasLens = size >= 180;
       const lens = this.pane.querySelector("#lens").style;
       Object.assign(lens, { width: `${size}px`, height: `${size}px`, right: "10px", bottom: "10px" });
-      this.lensAt = [w - size - 11, 10, size];
+      this.lensAt = [w - size - 9, 11, size - 2]; // inside its border
     }
-    const size = Math.min(this.scopePane.clientWidth, this.scopePane.clientHeight);
-    if (size) this.scope.setSize(size, size, false);
+    if (scope) this.scope.setSize(scope, scope, false);
     this.frame();
   }
 
@@ -216,7 +219,7 @@ class Stage {
       this.arms[i].pose(t);
       const { line, times } = this.trails[i];
       const [row, share] = times.length > 1 ? place(times, t) : [0, 0];
-      line.geometry.instanceCount = t <= 0 ? 0 : Math.min(times.length - 1, row + (share > 0 ? 1 : 0));
+      line.cut(t <= 0 ? 0 : Math.min(times.length - 1, row + (share > 0 ? 1 : 0)));
       const pivot = new THREE.Vector3(...sample(run, "pivot", t));
       const slip = new THREE.Vector3(...sample(run, "slip", t));
       this.arrows[i].point(pivot, slip.clone().multiplyScalar(this.magnify));
@@ -270,12 +273,12 @@ class Stage {
   // How large the RCM error is; it stands in a corner of the close-up, or of the pane without one.
   label(size) {
     const text = this.pane.querySelector("#slip");
-    text.textContent = `RCM error ${millimetres(size)} mm, drawn \u00d7${this.magnify}`;
+    text.textContent = `RCM error ${millimetres(size)}, drawn \u00d7${this.magnify}`;
   }
 }
 
-// Three significant digits [mm] of a length [m].
+// A length [m] in millimetres, with three significant digits.
 function millimetres(x) {
   const mm = 1e3 * x;
-  return mm === 0 ? "0" : mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3);
+  return `${mm === 0 ? 0 : mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3)} mm`;
 }
