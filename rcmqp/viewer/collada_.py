@@ -7,8 +7,11 @@ from typing import Any
 
 import collada
 import numpy as np
+from collada.common import DaeError as Unreadable
 
 from rcmqp.dualquaternion import Array
+
+__all__ = ["Colour", "Unreadable", "triangles"]
 
 Colour = tuple[float, float, float]
 """Red, green, blue from 0 to 1."""
@@ -31,7 +34,7 @@ def triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
         Corners (m, 3, 3) of each colour's triangles [m]; the colour is None where there is none.
 
     Raises:
-        collada.common.DaeError: the file cannot be read.
+        Unreadable: this is no Collada file, or a broken one.
     """
     file = collada.Collada(str(path), ignore=IGNORED)
     size = scale * (file.assetInfo.unitmeter or 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,7 +107,8 @@ def _triangles(shape: Any) -> dict[Colour | None, Array]:
     """Corners (m, 3, 3) of a mesh's triangles by colour: the URDF's, or else the file's own."""
     path = Path(shape.meshPath)
     if path.suffix.lower() == ".dae" and not shape.overrideMaterial:
-        return collada_.triangles(path, shape.meshScale)
+        with contextlib.suppress(collada_.Unreadable):  # what follows does without its colours
+            return collada_.triangles(path, shape.meshScale)
     mesh = shape.geometry
     rows = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
     faces = np.array([[row[0], row[1], row[2]] for row in rows])
