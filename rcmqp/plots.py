@@ -122,7 +122,8 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
     axes.zaxis.labelpad = 9
     axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.78)
-    axes.locator_params(nbins=6)
+    axes.locator_params(nbins=3)
+    axes.locator_params(axis="z", nbins=6)
     axes.view_init(elev=18, azim=-60)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
 

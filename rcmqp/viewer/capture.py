@@ -16,8 +16,12 @@ from rcmqp.viewer.browser import ffmpeg_path, opened
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-CAMERAS = {"scene": (1280, 960), "endoscope": (720, 720), "page": (1280, 800)}
+CAMERAS = {"scene": (1280, 960), "endoscope": (800, 880), "page": (1280, 800)}
 """What a picture shows: the arm, the endoscope's own image, or the whole page; its size."""
+
+FINE = 480
+"""Scenes and endoscopes at least as wide and high are drawn as on a display of twice the density
+[pixels]: lines and letters are large enough where the picture is shown small."""
 
 RATE = 30
 """Pictures a second of a video."""
@@ -51,7 +55,7 @@ def snapshot(
     """
     size = _checked(runs, path, ".png", camera, size)
     _check_time(runs, time)
-    with opened(runs, size, _pane(camera), dark=dark) as page:
+    with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
         page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
         _shoot(page, Path(path))
     return Path(path)
@@ -99,7 +103,7 @@ def video(
     part = whole.with_name(f".{os.getpid()}.{whole.name}")  # takes the name when it is whole
     command += ["-crf", "18", "-movflags", "+faststart", str(part)]
     try:
-        with opened(runs, size, _pane(camera), dark=dark) as page:
+        with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
             times = (min(duration, k * speed / RATE) for k in range(pictures))
             said = _encoded(command, page, times, lambda: progress(1, pictures))
         if said:
@@ -161,6 +165,12 @@ def _check_time(runs: Sequence[Run], time: float) -> None:
 def _pane(camera: str) -> str:
     """What of the page is shown by itself; nothing where it is the whole page."""
     return "" if camera == "page" else camera
+
+
+def _density(camera: str, size: tuple[int, int]) -> int:
+    """Pixels of the picture, down or across, for one of the page."""
+    fine = camera != "page" and min(size) >= FINE and not any(side % 2 for side in size)
+    return 2 if fine else 1
 
 
 def _shoot(page: Page, path: Path) -> None:

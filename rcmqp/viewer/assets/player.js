@@ -100,7 +100,6 @@ function furnishControls() {
   for (const [id, key] of [["limits", "l"], ["ghosts", "g"], ["frame", "f"], ["theme", "b"]])
     $(id).addEventListener("click", () => KEYS[key]());
   $("ghosts").hidden = data.runs.length < 2;
-  $("targets").hidden = data.scene.targets.length === 0;
   window.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     if (event.key === " " && event.target.tagName === "BUTTON") return; // the button's own
@@ -116,15 +115,27 @@ function furnishControls() {
   data.runs.forEach((run, i) => {
     const row = $("legend").querySelector("tbody").insertRow();
     for (let cell = 0; cell < 4; cell++) row.insertCell();
-    const swatch = document.createElement("i");
-    swatch.style.background = run.colour;
-    row.cells[0].append(swatch, run.label);
+    row.cells[0].append(mark("", run.label, run.colour));
     row.title = "click: the arm of this run is solid, and the endoscope is its own";
     row.addEventListener("click", () => choose({ main: i }));
-    const mark = document.createElement("span");
-    mark.append(swatch.cloneNode(), run.label);
-    $("caption").append(mark);
+    $("caption").append(mark("", run.label, run.colour));
   });
+  const { targets, obstacles } = data.scene;
+  for (const [name, there] of [["desired tip", true], ["target", targets.length], ["obstacle", obstacles.length]]) {
+    if (!there) continue;
+    $("caption").append(mark(name.split(" ")[0], name));
+    $("keys").querySelector("br").before(mark(name.split(" ")[0], name));
+  }
+}
+
+// A swatch and what it stands for.
+function mark(name, text, colour = "") {
+  const [all, swatch] = ["span", "i"].map((tag) => document.createElement(tag));
+  swatch.className = name;
+  swatch.style.background = colour;
+  all.className = "mark";
+  all.append(swatch, text);
+  return all;
 }
 
 let last = performance.now();

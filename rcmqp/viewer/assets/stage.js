@@ -6,6 +6,7 @@ const THEMES = {
   dark: { paper: 0x15181c, desired: 0x6b747d, shadow: 0.45 },
 };
 const TARGET = 0xf0e442;
+const OBSTACLE = 0x8d6f8f;
 
 class Stage {
   constructor(pane, scopePane, data) {
@@ -60,8 +61,8 @@ class Stage {
     for (const centre of scene.targets)
       this.add("targets", makeBall(centre, 0.003, standard(TARGET, { emissive: 0x554d00 })), this.moving);
     for (const { centre, radius } of scene.obstacles)
-      this.add("obstacles", makeBall(centre, radius, standard(0x8d6f8f, { transparent: true, opacity: 0.85 })));
-    this.desired = this.add("desired", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 4.3 + 2.2 * runs.length));
+      this.add("obstacles", makeBall(centre, radius, standard(OBSTACLE, { transparent: true, opacity: 0.85 })));
+    this.desired = this.add("desired", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 3.2 + 1.8 * runs.length));
     this.trails = runs.map((run, i) => {
       const { points, times } = trail(run, "tip");
       const line = this.add("trails", thickLine(points, run.colour, 2.4));
@@ -159,7 +160,7 @@ class Stage {
     const points = this.close ? this.workPoints() : this.allPoints();
     const { clientWidth: w, clientHeight: h } = this.pane;
     const side = this.hasLens && !this.close ? this.lensAt[2] + 14 : 0; // left free for the lens
-    const above = this.pane.querySelector("#caption").offsetHeight; // and for what is written
+    const above = document.getElementById("caption").offsetHeight; // and for what is written
     const share = [(w - side) / w, (h - above) / h];
     const target = this.aim(this.camera, points, this.direction(), this.close ? 1.3 : 1.06, share);
     this.camera.setViewOffset(w, h, side / 2, -above / 2, w, h);
@@ -206,7 +207,7 @@ class Stage {
     // The main run's trail is thin and in front, so that the others show beside it, each wider.
     this.trails.forEach(({ line }, i) => {
       const rank = i === main ? 0 : i < main ? i + 1 : i;
-      line.width = 2.2 * (rank + 1);
+      line.width = 1.8 * (rank + 1);
       line.material.uniforms.lift.value = 0.003 * (1 - rank / runs);
     });
     this.seek(this.time);
