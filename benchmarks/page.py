@@ -22,7 +22,10 @@ from rcmqp.viewer.browser import browser, open_page
 
 HEADS = ("arm", "size [MB]", "scene drawn, play reacts [s]", "plots too [s]", "frames/s", "idle")
 PLAYED = 3000  # how long frames are counted [ms]
-COUNT = "ms => { const n = rcmqp.draws; return new Promise(f => setTimeout(() => f(rcmqp.draws - n), ms)); }"
+COUNT = """ms => {
+  const before = rcmqp.draws;
+  return new Promise((done) => setTimeout(() => done(rcmqp.draws - before), ms));
+}"""
 
 
 def minute_page(arm: str, folder: Path) -> Path:
@@ -34,7 +37,7 @@ def minute_page(arm: str, folder: Path) -> Path:
 
 
 def opening(file: Path) -> dict[str, float]:
-    """What one new browser takes [ms], and how many frames it draws, playing and idle, a second."""
+    """What a new browser takes [ms], and how many frames a second it draws, playing and idle."""
     with browser() as chromium:
         window: Any = chromium.new_context(viewport={"width": 1280, "height": 800})
         page = open_page(window, file)

@@ -12,5 +12,5 @@ COLOURS = (
     "#9048F0",
     "#8B5A2B",
 )
-"""Six of Okabe and Ito's, and a violet and a brown that are no nearer to them for the colour-blind;
-one a run, as many as there are controllers."""
+"""Six of Okabe and Ito's, and a violet and a brown that are no nearer to them for the
+colour-blind; one a run, as many as there are controllers."""

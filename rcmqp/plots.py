@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import RunFileError
+from rcmqp.files import whole
 from rcmqp.loading import arm_title
 from rcmqp.palette import COLOURS
 from rcmqp.run import Run
@@ -81,12 +81,9 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
     """
     paths = [Path(path).with_suffix(suffix) for suffix in (".png", ".pdf")]
     for target in paths:
-        try:
-            figure.savefig(
-                target, dpi=160, metadata={"CreationDate": None} if target.suffix == ".pdf" else {}
-            )
-        except OSError as error:
-            raise RunFileError(target, f"could not be written: {error}") from error
+        about = {"CreationDate": None} if target.suffix == ".pdf" else {}
+        with whole(target) as part:
+            figure.savefig(part, dpi=160, metadata=about)
     return paths
 
 

@@ -242,7 +242,7 @@ def _sections(
                 *shots,
                 Picture(
                     trajectories,
-                    "The same in numbers: the arm at the start, and the tip's path from the trocar",
+                    "In numbers: the arm at the start, and the tip's path from the trocar",
                     plots.trajectory_figure(runs),
                 ),
                 Picture(

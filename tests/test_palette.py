@@ -6,12 +6,13 @@ import itertools
 import re
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp.dualquaternion import Array
 from rcmqp.palette import COLOURS
 from rcmqp.viewer.build import asset
 
-SEEN = {
+SEEN: dict[str, ArrayLike] = {
     "all three": np.eye(3),
     "no red": [[0.1523, 1.0526, -0.2049], [0.1145, 0.7863, 0.0992], [-0.0039, -0.0481, 1.0520]],
     "no green": [[0.3673, 0.8606, -0.2280], [0.2801, 0.6725, 0.0474], [-0.0118, 0.0429, 0.9689]],
@@ -36,7 +37,9 @@ def lab(rgb: Array) -> Array:
 def test_any_two_colours_differ_for_everyone() -> None:
     for a, b in itertools.combinations(COLOURS, 2):
         for who, seen in SEEN.items():
-            far = np.linalg.norm(lab(seen @ linear(a)) - lab(seen @ linear(b)))
+            far = np.linalg.norm(
+                lab(np.asarray(seen) @ linear(a)) - lab(np.asarray(seen) @ linear(b))
+            )
             assert far > 15.0, (a, b, who)
 
 

@@ -94,7 +94,7 @@ def test_a_box_keeps_its_edges() -> None:
     corners = []
     for axis, side in itertools.product(range(3), (-1.0, 1.0)):
         square = np.full((4, 3), side)
-        square[:, [(axis + 1) % 3, (axis + 2) % 3]] = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        square[:, [(axis + 1) % 3, (axis + 2) % 3]] = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
         square = square if side > 0 else square[::-1]
         corners += [square[[0, 1, 2]], square[[0, 2, 3]]]
     box = smooth(np.array(corners))

@@ -76,8 +76,7 @@ class Section:
 def as_markdown(title: str, sections: Sequence[Section]) -> str:
     """The whole report; a viewer is a link."""
     texts = [
-        _head(section) + "".join(each.text for each in section.pictures)
-        for section in sections
+        _head(section) + "".join(each.text for each in section.pictures) for section in sections
     ]
     return f"# {title}\n\n{''.join(texts)}{_made_by()}\n"
 

@@ -14,7 +14,8 @@ from string import Template
 from typing import Any
 
 import rcmqp
-from rcmqp.errors import RcmqpError, RunFileError, ViewError
+from rcmqp.errors import RcmqpError, ViewError
+from rcmqp.files import whole
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
 from rcmqp.palette import COLOURS
@@ -67,10 +68,8 @@ def write_page(runs: Sequence[Run], path: str | os.PathLike[str], *, dark: bool 
     """
     check_writable(path)
     text = page(runs, dark=dark)
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RunFileError(Path(path), f"could not be written: {error}") from error
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
     return Path(path)
 
 

@@ -1,4 +1,4 @@
-"""What is read of Collada files: triangles, sorted by colour; the only place that imports collada."""
+"""What is read of Collada files: triangles, by colour; nothing else imports collada."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def _beyond(full: pin.Model, frame: int, flange: str) -> bool:
 
 def _lowered(shape: Any) -> list[tuple[dict[str, Any], Array, Colour]]:
     """Meshcat's objects of a shape, what to multiply its placement with, and their colours."""
-    geometry, own = shape.geometry, (*map(float, shape.meshColor[:3]),)
+    geometry, own = shape.geometry, _colour(shape)
     if isinstance(geometry, coal.Cylinder):
         return [(_mesh(g.Cylinder(2.0 * geometry.halfLength, geometry.radius)), _Z_FROM_Y, own)]
     if isinstance(geometry, coal.Sphere):
@@ -112,7 +112,13 @@ def _triangles(shape: Any) -> dict[Colour | None, Array]:
     mesh = shape.geometry
     rows = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
     faces = np.array([[row[0], row[1], row[2]] for row in rows])
-    return {(*map(float, shape.meshColor[:3]),): mesh.vertices()[faces]}
+    return {_colour(shape): mesh.vertices()[faces]}
+
+
+def _colour(shape: Any) -> Colour:
+    """What the URDF gives, or its reader where it gives none."""
+    red, green, blue = (float(x) for x in shape.meshColor[:3])
+    return red, green, blue
 
 
 def _mesh(geometry: Any) -> dict[str, Any]:
