@@ -117,10 +117,11 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     half, deep = max(30.0, float(np.abs(desired[:, :2]).max())), float(desired[:, 2].max())
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
-    axes.zaxis.labelpad = 9
+    axes.zaxis.labelpad = 12
     axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.78)
     axes.locator_params(nbins=3)
     axes.locator_params(axis="z", nbins=6)
+    axes.tick_params(axis="z", pad=7)
     axes.view_init(elev=18, azim=-60)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
 

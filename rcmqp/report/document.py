@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import rcmqp
 from rcmqp.plots import save_figure
 from rcmqp.run import Run
-from rcmqp.viewer.build import asset
+from rcmqp.viewer.build import framed
 from rcmqp.viewer.capture import snapshot
 
 
@@ -83,13 +83,12 @@ def as_markdown(title: str, sections: Sequence[Section]) -> str:
 
 def as_html(title: str, sections: Sequence[Section]) -> str:
     """The whole report as a page, which finds pictures and viewers beside it."""
-    return Template(_asset("index.html")).substitute(
+    body = Template(_asset("index.html")).substitute(
         title=html.escape(title),
-        style=asset("look.css") + _asset("report.css"),
-        body="\n".join(_block(section) for section in sections),
+        sections="\n".join(_block(section) for section in sections),
         made_by=html.escape(_made_by()),
-        version=html.escape(rcmqp.__version__),
     )
+    return framed(title, _asset("report.css"), body)
 
 
 def _block(section: Section) -> str:
