@@ -155,7 +155,6 @@ theme(document.documentElement.dataset.theme);
 stage.resize();
 choose({});
 seek(0);
-stage.render();
 $("wait").remove();
 requestAnimationFrame(tick);
 
@@ -163,7 +162,7 @@ requestAnimationFrame(tick);
 // draw(); picture() draws, and returns one pane as a PNG's data URL.
 window.rcmqp = {
   duration,
-  drawnIn: performance.now(), // [ms] from opening the page to the scene, which can be played
+  drawnIn: null, // [ms] from opening the page to the scene on the screen, which can be played
   openedIn: null, // [ms] to all of the page, plots too
   get time() { return state.time; },
   get playing() { return state.playing; },
@@ -188,9 +187,13 @@ window.rcmqp = {
   },
 };
 
+const frame = () => new Promise(requestAnimationFrame);
+await frame(); // draws the scene
+await frame(); // it is on the screen
+window.rcmqp.drawnIn = performance.now();
+
 // Plotly is large: the scene can be looked at, and played, while the plots are prepared.
 if (!solo) {
-  await new Promise((done) => setTimeout(done, 30)); // until the scene is on the screen
   runScript(await plotly);
   plots = new Plots($("plots"), data.runs, seek);
   await plots.draw(state.main);
