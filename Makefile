@@ -1,13 +1,17 @@
-# make demo, make test: each, alone, makes the environment, installs, and runs.
+# make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types check clean
+.PHONY: demo pictures test lint types check clean
 
 demo: $(INSTALLED)
 	$(BIN)/rcmqp reproduce --out results
+
+pictures: demo
+	cp results/fig3_errors.png results/fig2_trajectories.png results/helix_lwa3.png results/helix_meka_a2.png docs
+	$(BIN)/rcmqp snapshot results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --time 12 --out docs/viewer.png
 
 test: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile

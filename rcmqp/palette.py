@@ -9,8 +9,8 @@ COLOURS = (
     "#CC79A7",
     "#E69F00",
     "#56B4E9",
-    "#882255",
+    "#9048F0",
     "#8B5A2B",
 )
-"""Six of Okabe and Ito's, and a wine and a brown that are no nearer to them for the colour-blind;
-one a run, as many as there are controllers."""
+"""Six of Okabe and Ito's, and a violet and a brown that are no nearer to them for the
+colour-blind; one a run, as many as there are controllers."""

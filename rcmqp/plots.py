@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import RunFileError
+from rcmqp.files import whole
 from rcmqp.loading import arm_title
 from rcmqp.palette import COLOURS
 from rcmqp.run import Run
@@ -81,12 +81,9 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
     """
     paths = [Path(path).with_suffix(suffix) for suffix in (".png", ".pdf")]
     for target in paths:
-        try:
-            figure.savefig(
-                target, dpi=160, metadata={"CreationDate": None} if target.suffix == ".pdf" else {}
-            )
-        except OSError as error:
-            raise RunFileError(target, f"could not be written: {error}") from error
+        about = {"CreationDate": None} if target.suffix == ".pdf" else {}
+        with whole(target) as part:
+            figure.savefig(part, dpi=160, metadata=about)
     return paths
 
 
@@ -120,9 +117,11 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     half, deep = max(30.0, float(np.abs(desired[:, :2]).max())), float(desired[:, 2].max())
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
-    axes.zaxis.labelpad = 9
+    axes.zaxis.labelpad = 12
     axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.78)
-    axes.locator_params(nbins=6)
+    axes.locator_params(nbins=3)
+    axes.locator_params(axis="z", nbins=6)
+    axes.tick_params(axis="z", pad=7)
     axes.view_init(elev=18, azim=-60)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
 

@@ -14,13 +14,15 @@ from typing import Any
 
 from rcmqp import plots
 from rcmqp.controllers import make_controller
+from rcmqp.errors import ToolMissing
 from rcmqp.loading import arm_title
 from rcmqp.metrics import Metrics, compute_metrics
 from rcmqp.report.build import INDEX, NUMBERS, TEXT, write_report
-from rcmqp.report.document import Picture, Section
+from rcmqp.report.document import Picture, Screenshot, Section
 from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario
 from rcmqp.simulate import simulate
+from rcmqp.viewer.browser import chromium_path
 
 ARMS = ("lwa3", "meka_a2")
 PERIODS = (8e-3, 1e-3)
@@ -104,6 +106,7 @@ def reproduce_a(
     rival = [(RIVAL, arm, PERIODS[-1]) for arm in arms]
     files = [folder / _run_name(*case) for case in law + rival]
     files += [folder / f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
+    files += [folder / f"{_shot_name(arm)}.png" for arm in arms]
     files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, INDEX)]
     for file in files:
         check_writable(file)
@@ -203,20 +206,43 @@ def _run_name(controller: str, arm: str, period: float) -> str:
     return f"{arm}_{1e3 * period:g}ms{suffix}.h5"
 
 
+def _shot_name(arm: str) -> str:
+    return f"helix_{arm}"
+
+
+def _screenshots(runs: Sequence[Run]) -> tuple[list[Screenshot], str]:
+    """The scene at each run's end; none, and a sentence that says why, without Chromium."""
+    try:
+        chromium_path()
+    except ToolMissing as error:
+        return [], f"\nScreenshots of the arms are left out: {error}.\n"
+    return [
+        Screenshot(
+            _shot_name(run.scenario.arm),
+            f"{arm_title(run.scenario.arm)} at the end of the helix. The paper's Fig. 2, "
+            '"Simulations with a conical helix trajectory tracking", shows the tool tip\'s '
+            "trajectory of both robots",
+            run,
+        )
+        for run in runs
+    ], ""
+
+
 def _sections(
     table: str, runs: Sequence[Run], versus: str, pairs: Sequence[Run]
 ) -> tuple[Section, Section]:
     """What the report opens with: beside the paper, and beside hierarchical_qp."""
     trajectories, errors, both = FIGURES
+    shots, missing = _screenshots(runs)
     return (
         Section(
             "Beside the paper",
-            table,
+            table + missing,
             pictures=(
+                *shots,
                 Picture(
                     trajectories,
-                    "As the paper's Fig. 2: the arm at the start, and the tip's path from the "
-                    "trocar",
+                    "In numbers: the arm at the start, and the tip's path from the trocar",
                     plots.trajectory_figure(runs),
                 ),
                 Picture(

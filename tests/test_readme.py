@@ -11,9 +11,7 @@ from rcmqp.metrics import compute_metrics
 from rcmqp.reproduce import ARMS, LAW, PERIODS, comparison_table, helix
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-SHOWN = re.findall(
-    r"```python\n(.*?)```\n\n(?:```text\n(.*?)```)?", README, flags=re.DOTALL
-)
+SHOWN = re.findall(r"```python\n(.*?)```\n\n(?:```text\n(.*?)```)?", README, flags=re.DOTALL)
 
 
 def test_each_program_runs_and_prints_what_stands_below_it() -> None:

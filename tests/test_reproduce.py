@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import Run, make_controller, plots, simulate
 from rcmqp.metrics import compute_metrics
-from rcmqp.reproduce import comparison_table, reproduce_a
+from rcmqp.reproduce import ARMS, comparison_table, reproduce_a
 from rcmqp.scenario import load_scenario
 
 
@@ -47,6 +52,8 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
     )
     page = (tmp_path / "new" / "index.html").read_text()
     assert page.count("<iframe") == 2
+    assert [f'src="helix_{arm}.png"' in page for arm in ARMS] == [True, True]
+    assert "left out" not in page
     assert f"rcmqp reproduce --out {tmp_path / 'new'} --duration 0.05" in page
     assert Run.load(tmp_path / "new" / "meka_a2_8ms.h5") == found.runs[1]
     assert Run.load(tmp_path / "new" / "lwa3_1ms_hierarchical_qp.h5") == found.rivals[0]
@@ -61,6 +68,16 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
         "tip error, rms [mm]",
         *(f"{1e3 * np.sqrt(np.mean(run.tip_error**2)):.4f}" for run in pairs),
     ]
+
+
+def test_without_chromium_the_report_says_that_screenshots_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    found = reproduce_a(tmp_path, arms=["lwa3"], duration=0.05)
+    text = (tmp_path / "report.md").read_text()
+    assert "Screenshots of the arms are left out: Chromium is not installed" in text
+    assert not any(file.name.startswith("helix_") for file in found.files)
 
 
 def test_the_table_holds_the_runs_own_numbers(runs: list[Run]) -> None:
@@ -107,6 +124,25 @@ def test_a_logarithmic_figure_shows_every_curve_that_its_legend_names(runs: list
     for _, error in lines(figure, 0):
         assert np.mean((low < error) & (error < high)) > 0.98
     assert len({line.get_color() for line in figure.axes[0].get_lines()}) == 8
+
+
+def test_ticks_of_a_short_helix_do_not_run_into_each_other(runs: list[Run]) -> None:
+    figure = plots.trajectory_figure(runs)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    for axes in figure.axes:
+        assert isinstance(axes, Axes3D)
+        drawn = []
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            low, high = sorted(axis.get_view_interval())
+            drawn += [
+                tick.label1.get_window_extent(canvas.get_renderer())
+                for tick in axis.get_major_ticks()
+                if low <= tick.get_loc() <= high
+            ]
+        assert len(drawn) >= 8
+        for one, other in itertools.combinations(drawn, 2):
+            assert not one.overlaps(other)
 
 
 def test_what_all_runs_share_is_the_title_of_the_error_figure(runs: list[Run]) -> None:

@@ -88,7 +88,8 @@ def test_every_arm_has_shapes_on_every_moving_link(name: str) -> None:
 def test_a_gripper_makes_way_for_the_instrument() -> None:
     arm = load_arm("panda")
     on_last = [part for part in arm_parts(arm) if part.joint == arm.nv]
-    assert len(on_last) == 1  # link 7; hand and fingers are left out
+    assert on_last  # link 7, in its own axes; hand and fingers, which hang lower, are left out
+    assert all(np.array_equal(part.placement, np.eye(4)) for part in on_last)
 
 
 def test_an_arm_without_shapes_is_rods_from_base_to_flange(tmp_path: Path) -> None:

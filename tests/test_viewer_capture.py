@@ -9,7 +9,7 @@ import pytest
 
 from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main as command_line
-from rcmqp.viewer.browser import ffmpeg_path
+from rcmqp.viewer.browser import ffmpeg_path, opened
 
 
 def main(arguments: list[str]) -> None:
@@ -36,6 +36,25 @@ def test_snapshot_draws_a_picture_of_the_size_asked_for(
     image = np.asarray(matplotlib.image.imread(picture))
     assert image.shape[:2] == (240, 320)
     assert len(np.unique(image[..., :3].reshape(-1, 3), axis=0)) > 200
+
+
+@pytest.mark.parametrize("camera", ["scene", "endoscope"])
+def test_a_picture_says_above_what_it_shows_and_large_enough(file: Path, camera: str) -> None:
+    with opened([Run.load(file)], (640, 480), camera, density=2) as page:
+        text = page.locator("#caption").inner_text()
+        written = page.locator("#caption").bounding_box()
+        shown = page.locator("#scope" if camera == "endoscope" else "#scene").bounding_box()
+        sizes = page.evaluate("[innerWidth, innerHeight, devicePixelRatio]")
+    assert sizes == [320, 240, 2]
+    for part in ("conical_helix on Schunk LWA3", "dual_quaternion", "desired tip"):
+        assert part in text
+    assert written is not None
+    assert shown is not None
+    assert written["y"] >= 0.0
+    if camera == "endoscope":  # the scene leaves room itself: its camera looks past the words
+        assert written["y"] + written["height"] <= shown["y"]
+        assert shown["width"] == pytest.approx(shown["height"], abs=1.0)
+        assert shown["y"] + shown["height"] <= 240.5
 
 
 def test_video_is_as_long_as_the_run(file: Path, tmp_path: Path) -> None:

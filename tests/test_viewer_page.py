@@ -95,6 +95,24 @@ def test_the_page_opens_offline_without_errors_or_requests(opened: Opened) -> No
     assert [line for line in opened.said if line.startswith(("error", "warning"))] == []
 
 
+def test_nothing_is_drawn_again_while_nothing_changes(shown: Opened) -> None:
+    frames = """() => new Promise((done) => {
+      let left = 9;
+      const next = () => (left-- ? requestAnimationFrame(next) : done(rcmqp.draws));
+      next();
+    })"""
+    shown.seek(0.5)
+    before = shown.js(frames)
+    assert shown.js(frames) == before
+    shown.seek(0.6)
+    assert shown.js(frames) == before + 1
+
+
+def test_the_scene_can_be_played_before_the_plots_are_there(opened: Opened) -> None:
+    assert 0.0 < opened.js("rcmqp.drawnIn") < opened.js("rcmqp.openedIn")
+    assert opened.js("document.getElementById('wait')") is None
+
+
 def test_the_scene_shows_arm_trocar_wall_trails_and_obstacles(shown: Opened) -> None:
     whole = shown.picture("rcmqp.seek(1.8)")
     for name in ("arm", "trocar", "wall", "trails", "desired", "obstacles"):
@@ -241,6 +259,8 @@ def test_legend_and_table_name_every_run(shown: Opened) -> None:
     assert [head.strip() for head in heads[1:]] == list(CONTROLLERS)
     for i, name in enumerate(CONTROLLERS):
         assert name in rows.nth(i).inner_text()
+    marks = shown.page.locator("#keys .mark").all_inner_texts()
+    assert marks == ["desired tip", "target", "obstacle"]
     rows.nth(1).click()
     assert "main" in (rows.nth(1).get_attribute("class") or "")
 

@@ -88,7 +88,7 @@ def _make(part: Path, title: str, groups: Sequence[Group], sections: Sequence[Se
         (part / group.scenario).write_text(group.runs[0].scenario.to_json(), encoding="utf-8")
     for section in sections:
         for picture in section.pictures:
-            plots.save_figure(picture.figure, part / picture.stem)
+            picture.write(part)
     (part / NUMBERS).write_text(compare.as_csv(_rows(groups)), encoding="utf-8")
     (part / TEXT).write_text(as_markdown(title, sections), encoding="utf-8")
     (part / INDEX).write_text(as_html(title, sections), encoding="utf-8")

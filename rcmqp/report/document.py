@@ -6,13 +6,17 @@ import html
 import importlib.resources
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from string import Template
 
 from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
 import rcmqp
-from rcmqp.viewer.build import asset
+from rcmqp.plots import save_figure
+from rcmqp.run import Run
+from rcmqp.viewer.build import framed
+from rcmqp.viewer.capture import snapshot
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,34 @@ class Picture:
     stem: str
     caption: str
     figure: Figure
+
+    @property
+    def text(self) -> str:
+        """Markdown that shows it."""
+        stem, caption = self.stem, self.caption
+        return f"![{caption}]({stem}.png)\n\n{caption} ([PDF]({stem}.pdf))\n\n"
+
+    def write(self, folder: Path) -> None:
+        """Draw it, as PNG and PDF."""
+        save_figure(self.figure, folder / self.stem)
+
+
+@dataclass(frozen=True)
+class Screenshot:
+    """The scene of a run at its end, the stem of its file, and what it shows."""
+
+    stem: str
+    caption: str
+    run: Run
+
+    @property
+    def text(self) -> str:
+        """Markdown that shows it."""
+        return f"![{self.caption}]({self.stem}.png)\n\n{self.caption}\n\n"
+
+    def write(self, folder: Path) -> None:
+        """Draw it, as PNG, in Chromium."""
+        snapshot([self.run], folder / f"{self.stem}.png", time=float(self.run.time[-1]))
 
 
 @dataclass(frozen=True)
@@ -38,27 +70,25 @@ class Section:
     title: str
     text: str = ""
     viewer: str = ""
-    pictures: Sequence[Picture] = ()
+    pictures: Sequence[Picture | Screenshot] = ()
 
 
 def as_markdown(title: str, sections: Sequence[Section]) -> str:
     """The whole report; a viewer is a link."""
     texts = [
-        _head(section) + "".join(_picture(each) for each in section.pictures)
-        for section in sections
+        _head(section) + "".join(each.text for each in section.pictures) for section in sections
     ]
     return f"# {title}\n\n{''.join(texts)}{_made_by()}\n"
 
 
 def as_html(title: str, sections: Sequence[Section]) -> str:
     """The whole report as a page, which finds pictures and viewers beside it."""
-    return Template(_asset("index.html")).substitute(
+    body = Template(_asset("index.html")).substitute(
         title=html.escape(title),
-        style=asset("look.css") + _asset("report.css"),
-        body="\n".join(_block(section) for section in sections),
+        sections="\n".join(_block(section) for section in sections),
         made_by=html.escape(_made_by()),
-        version=html.escape(rcmqp.__version__),
     )
+    return framed(title, _asset("report.css"), body)
 
 
 def _block(section: Section) -> str:
@@ -69,7 +99,7 @@ def _block(section: Section) -> str:
             f'title="{html.escape(section.title)}"></iframe>\n'
         )
     if section.pictures:
-        shown = "".join(f"<div>{_render(_picture(each))}</div>\n" for each in section.pictures)
+        shown = "".join(f"<div>{_render(each.text)}</div>\n" for each in section.pictures)
         pictures = f'<div class="pictures">\n{shown}</div>\n'
     return f"<section>\n{_render(_head(section))}{frame}{pictures}</section>"
 
@@ -81,11 +111,6 @@ def _head(section: Section) -> str:
     if section.viewer:
         text += f"[Play it in a page of its own]({section.viewer})\n\n"
     return text
-
-
-def _picture(picture: Picture) -> str:
-    stem, caption = picture.stem, picture.caption
-    return f"![{caption}]({stem}.png)\n\n{caption} ([PDF]({stem}.pdf))\n\n"
 
 
 def _render(text: str) -> str:

@@ -16,7 +16,7 @@ from rcmqp.run import Run
 from rcmqp.viewer.build import write_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, BrowserContext, Page, ViewportSize
 
 CHROMIUMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 """Names that Chromium goes by; the first that is found is taken."""
@@ -114,9 +114,21 @@ def open_page(chromium: Browser | BrowserContext, file: Path, pane: str = "") ->
 
 @contextmanager
 def opened(
-    runs: Sequence[Run], size: tuple[int, int], pane: str = "", *, dark: bool = False
+    runs: Sequence[Run],
+    size: tuple[int, int],
+    pane: str = "",
+    *,
+    density: int = 1,
+    dark: bool = False,
 ) -> Iterator[Page]:
-    """The page of runs, or one pane of it, in a headless browser's window of a size in pixels.
+    """The page of runs, or one pane of it, in a headless browser's window.
+
+    Args:
+        runs: of one scenario.
+        size: of the window in pixels, multiples of ``density``.
+        pane: see open_page().
+        density: how many pixels, down or across, the page takes for one of its own.
+        dark: whether the background is dark.
 
     Raises:
         ToolMissing: Chromium or playwright is not installed.
@@ -126,5 +138,6 @@ def opened(
     with tempfile.TemporaryDirectory() as folder:
         file = write_page(runs, Path(folder) / "run.html", dark=dark)
         with browser() as chromium:
-            window = chromium.new_context(viewport={"width": size[0], "height": size[1]})
+            viewport: ViewportSize = {"width": size[0] // density, "height": size[1] // density}
+            window = chromium.new_context(viewport=viewport, device_scale_factor=density)
             yield open_page(window, file, pane)

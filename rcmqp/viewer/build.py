@@ -14,7 +14,8 @@ from string import Template
 from typing import Any
 
 import rcmqp
-from rcmqp.errors import RcmqpError, RunFileError, ViewError
+from rcmqp.errors import RcmqpError, ViewError
+from rcmqp.files import whole
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
 from rcmqp.palette import COLOURS
@@ -43,11 +44,9 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
     insertion = check_runs(runs)
     title = f"{runs[0].scenario.name} on {arm_title(runs[0].scenario.arm)}"
     labels = run_labels(runs)
-    return Template(asset("page.html")).substitute(
+    body = Template(asset("page.html")).substitute(
         title=html.escape(title),
         subtitle=html.escape(", ".join(dict.fromkeys(run.controller for run in runs))),
-        theme="dark" if dark else "light",
-        style=asset("look.css") + asset("page.css"),
         table=metrics_table(runs, labels, COLOURS),
         versions=html.escape(versions_text(runs)),
         version=html.escape(rcmqp.__version__),
@@ -55,6 +54,18 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
         plotly=_library("plotly", "package_data/plotly.min.js"),
         data=_data(runs, labels, insertion),
         script="\n".join(asset(f"{name}.js") for name in SCRIPTS),
+    )
+    return framed(title, asset("page.css"), body, dark=dark)
+
+
+def framed(title: str, style: str, body: str, *, dark: bool = False) -> str:
+    """A whole HTML file in the common look, of a title, more CSS, and what its body holds."""
+    return Template(asset("frame.html")).substitute(
+        title=html.escape(title),
+        theme="dark" if dark else "light",
+        style=asset("look.css") + style,
+        version=html.escape(rcmqp.__version__),
+        body=body,
     )
 
 
@@ -67,10 +78,8 @@ def write_page(runs: Sequence[Run], path: str | os.PathLike[str], *, dark: bool 
     """
     check_writable(path)
     text = page(runs, dark=dark)
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RunFileError(Path(path), f"could not be written: {error}") from error
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
     return Path(path)
 
 

@@ -10,14 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rcmqp.errors import OptionError, RunFileError, UnknownName
+from rcmqp.files import whole
 from rcmqp.run import Run, check_writable
 from rcmqp.viewer.browser import ffmpeg_path, opened
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-CAMERAS = {"scene": (1280, 960), "endoscope": (720, 720), "page": (1280, 800)}
+CAMERAS = {"scene": (1280, 960), "endoscope": (800, 880), "page": (1280, 800)}
 """What a picture shows: the arm, the endoscope's own image, or the whole page; its size."""
+
+FINE = 480
+"""Scenes and endoscopes at least as wide and high are drawn as on a display of twice the density
+[pixels]: lines and letters are large enough where the picture is shown small."""
 
 RATE = 30
 """Pictures a second of a video."""
@@ -51,9 +56,11 @@ def snapshot(
     """
     size = _checked(runs, path, ".png", camera, size)
     _check_time(runs, time)
-    with opened(runs, size, _pane(camera), dark=dark) as page:
+    with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
         page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
-        _shoot(page, Path(path))
+        picture = page.screenshot(type="png")
+    with whole(path) as part:
+        part.write_bytes(picture)
     return Path(path)
 
 
@@ -95,18 +102,13 @@ def video(
     pictures = max(2, math.ceil(duration / speed * RATE) + 1)
     command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(RATE)]
     command += ["-c:v", "mjpeg", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
-    whole = Path(path).resolve()
-    part = whole.with_name(f".{os.getpid()}.{whole.name}")  # takes the name when it is whole
-    command += ["-crf", "18", "-movflags", "+faststart", str(part)]
-    try:
-        with opened(runs, size, _pane(camera), dark=dark) as page:
+    command += ["-crf", "18", "-movflags", "+faststart"]
+    with whole(path) as part:
+        with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
             times = (min(duration, k * speed / RATE) for k in range(pictures))
-            said = _encoded(command, page, times, lambda: progress(1, pictures))
+            said = _encoded([*command, str(part)], page, times, lambda: progress(1, pictures))
         if said:
             raise RunFileError(Path(path), f"ffmpeg could not write it: {said}")
-        part.replace(whole)
-    finally:
-        part.unlink(missing_ok=True)
     return Path(path)
 
 
@@ -163,8 +165,7 @@ def _pane(camera: str) -> str:
     return "" if camera == "page" else camera
 
 
-def _shoot(page: Page, path: Path) -> None:
-    try:
-        page.screenshot(path=path)
-    except OSError as error:
-        raise RunFileError(path, f"could not be written: {error}") from error
+def _density(camera: str, size: tuple[int, int]) -> int:
+    """Pixels of the picture, down or across, for one of the page."""
+    fine = camera != "page" and min(size) >= FINE and not any(side % 2 for side in size)
+    return 2 if fine else 1

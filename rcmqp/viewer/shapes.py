@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import mimetypes
-import re
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +14,11 @@ import pinocchio as pin
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
+from rcmqp.viewer import collada_
+from rcmqp.viewer.collada_ import Colour
+from rcmqp.viewer.meshcat_ import Triangles
 from rcmqp.viewer.meshcat_ import geometry as g
+from rcmqp.viewer.surface import smooth
 
 GREY = (0.78, 0.79, 0.81)
 CHAIN_RADIUS = 0.035
@@ -25,11 +27,6 @@ CHAIN_RADIUS = 0.035
 _Z_FROM_Y = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)
 """Turns what three.js draws along y, cylinders and capsules, along z."""
 
-_BLANK = (
-    "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAQAAAC1HAwCAAAAC0lEQVR42mP8/x8A"
-    "AwMCAO+ip1sAAAAASUVORK5CYII="
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
@@ -37,15 +34,15 @@ class Part:
 
     Attributes:
         joint: index in the arm's model of the joint that moves it; 0 for the base.
-        placement: (4, 4) in that joint's frame, scaled.
+        placement: (4, 4) in that joint's frame.
         data: Meshcat's object, lowered.
-        colour: (3,) red, green, blue from 0 to 1; None where a mesh has colours of its own.
+        colour: (3,) red, green, blue from 0 to 1.
     """
 
     joint: int
     placement: Array
     data: dict[str, Any]
-    colour: tuple[float, float, float] | None
+    colour: Colour
 
 
 def arm_parts(arm: Arm) -> list[Part]:
@@ -77,12 +74,8 @@ def _urdf_parts(arm: Arm) -> list[Part]:
             continue
         frame = arm.model.frames[arm.model.getFrameId(body.name, pin.FrameType.BODY)]
         placement = frame.placement * body.placement.actInv(shape.placement)
-        data, fix = _lower(shape)
-        if data is not None:
-            colour = tuple(map(float, shape.meshColor[:3])) if _painted(shape) else None
-            parts.append(
-                Part(frame.parentJoint, placement.homogeneous @ fix, data, colour)  # type: ignore[arg-type]
-            )
+        for data, fix, colour in _lowered(shape):
+            parts.append(Part(frame.parentJoint, placement.homogeneous @ fix, data, colour))
     return parts
 
 
@@ -95,31 +88,37 @@ def _beyond(full: pin.Model, frame: int, flange: str) -> bool:
     return False
 
 
-def _painted(shape: Any) -> bool:
-    """Whether the URDF gives the colour, not the mesh."""
-    return bool(shape.overrideMaterial) or not shape.meshPath.lower().endswith(".dae")
-
-
-def _lower(shape: Any) -> tuple[dict[str, Any] | None, Array]:
-    """Meshcat's object of a shape, and what to multiply its placement with."""
-    geometry = shape.geometry
+def _lowered(shape: Any) -> list[tuple[dict[str, Any], Array, Colour]]:
+    """Meshcat's objects of a shape, what to multiply its placement with, and their colours."""
+    geometry, own = shape.geometry, _colour(shape)
     if isinstance(geometry, coal.Cylinder):
-        return _mesh(g.Cylinder(2.0 * geometry.halfLength, geometry.radius)), _Z_FROM_Y
+        return [(_mesh(g.Cylinder(2.0 * geometry.halfLength, geometry.radius)), _Z_FROM_Y, own)]
     if isinstance(geometry, coal.Sphere):
-        return _mesh(g.Sphere(geometry.radius)), np.eye(4)
+        return [(_mesh(g.Sphere(geometry.radius)), np.eye(4), own)]
     if isinstance(geometry, coal.Box):
-        return _mesh(g.Box((2.0 * geometry.halfSide).tolist())), np.eye(4)
+        return [(_mesh(g.Box((2.0 * geometry.halfSide).tolist())), np.eye(4), own)]
     if not isinstance(geometry, coal.BVHModelBase):
-        return None, np.eye(4)
+        return []
+    surfaces = [(smooth(corners), colour) for colour, corners in _triangles(shape).items()]
+    return [(_mesh(Triangles(surface)), np.eye(4), colour or GREY) for surface, colour in surfaces]
+
+
+def _triangles(shape: Any) -> dict[Colour | None, Array]:
+    """Corners (m, 3, 3) of a mesh's triangles by colour: the URDF's, or else the file's own."""
     path = Path(shape.meshPath)
-    scale = np.diag([*shape.meshScale, 1.0])
-    if path.suffix.lower() == ".dae":
-        return _collada(path), scale
-    if path.suffix.lower() == ".stl" and not path.read_bytes()[:6].lower().startswith(b"solid "):
-        return _mesh(g.StlMeshGeometry.from_file(path)), scale
-    triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
-    faces = np.array([[triangle[0], triangle[1], triangle[2]] for triangle in triangles])
-    return _mesh(g.TriangularMeshGeometry(geometry.vertices(), faces)), np.eye(4)
+    if path.suffix.lower() == ".dae" and not shape.overrideMaterial:
+        with contextlib.suppress(collada_.Unreadable):  # what follows does without its colours
+            return collada_.triangles(path, shape.meshScale)
+    mesh = shape.geometry
+    rows = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
+    faces = np.array([[row[0], row[1], row[2]] for row in rows])
+    return {_colour(shape): mesh.vertices()[faces]}
+
+
+def _colour(shape: Any) -> Colour:
+    """What the URDF gives, or its reader where it gives none."""
+    red, green, blue = (float(x) for x in shape.meshColor[:3])
+    return red, green, blue
 
 
 def _mesh(geometry: Any) -> dict[str, Any]:
@@ -127,28 +126,6 @@ def _mesh(geometry: Any) -> dict[str, Any]:
     geometry.uuid, mesh.material.uuid, mesh.uuid = "geometry", "material", "mesh"  # not by chance
     lowered: dict[str, Any] = mesh.lower()
     return lowered
-
-
-def _collada(path: Path) -> dict[str, Any]:
-    """A Collada file with the pictures that it names, which the page must not look for."""
-    text = path.read_text(encoding="utf-8", errors="replace")
-    names = re.findall(r"<init_from>\s*([^<]+?)\s*</init_from>", text)
-    mesh = _mesh(g.Sphere(1.0))  # for its frame; the file brings geometry and material
-    mesh["geometries"], mesh["materials"] = [], []
-    mesh["object"] |= {
-        "type": "_meshfile_object",
-        "format": "dae",
-        "data": text,
-        "resources": {name: _picture(path.parent / name) for name in names},
-    }
-    return mesh
-
-
-def _picture(path: Path) -> str:
-    if not path.is_file():
-        return _BLANK
-    kind = mimetypes.guess_type(path.name)[0] or "image/png"
-    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 def _chain_parts(arm: Arm) -> list[Part]:

@@ -45,20 +45,12 @@ function copyParts(viewer, parts, k) {
   }
 }
 
-// Meshcat's materials are flat: give each its colour back on one that takes the light well.
+// Meshcat's materials are flat: give each part one that takes the light well.
 function dress(object, colour) {
-  const THREE = MeshCat.THREE;
-  const made = new Map();
-  const renew = (old) => {
-    if (made.has(old)) return made.get(old);
-    const material = standard(colour ? new THREE.Color(...colour) : old.color, { side: THREE.DoubleSide });
-    if (!colour && old.map?.isTexture) material.map = Object.assign(old.map, { encoding: THREE.sRGBEncoding });
-    made.set(old, material);
-    return material;
-  };
+  const material = standard(new MeshCat.THREE.Color(...colour), { side: MeshCat.THREE.DoubleSide });
   object.traverse((mesh) => {
     if (!mesh.isMesh) return;
-    mesh.material = Array.isArray(mesh.material) ? mesh.material.map(renew) : renew(mesh.material);
+    mesh.material = material;
     mesh.castShadow = mesh.receiveShadow = true;
   });
 }

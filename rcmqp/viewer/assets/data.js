@@ -16,14 +16,13 @@ async function inflate(id) {
   return new Response(stream).arrayBuffer();
 }
 
-async function runScript(id) {
+function runScript(bytes) {
   const script = document.createElement("script");
-  script.textContent = new TextDecoder().decode(await inflate(id));
+  script.textContent = new TextDecoder().decode(bytes);
   document.head.append(script);
 }
 
-async function readData() {
-  const buffer = await inflate("data-gz");
+function readData(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
   const data = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
   const start = 4 + size;

@@ -11,8 +11,13 @@ for (const kind of ["error", "unhandledrejection"])
     if ($("wait")) $("wait").textContent = `this browser cannot show the run: ${why}`;
   });
 
-await runScript("meshcat-gz");
-const data = await readData();
+// #scene, #endoscope: only that, as large as the window, for pictures.
+const solo = location.hash.slice(1);
+if (solo) document.body.dataset.solo = solo;
+
+const [meshcat, numbers, plotly] = ["meshcat-gz", "data-gz", "plotly-gz"].map(inflate); // side by side
+runScript(await meshcat);
+const data = readData(await numbers);
 const stage = new Stage($("scene"), $("scope"), data);
 const duration = Math.max(...data.runs.map((run) => run.frames.time.at(-1)));
 const state = { time: 0, playing: false, speed: 1, main: 0, ghosts: false, limits: false, close: false, magnify: fitting() };
@@ -34,7 +39,7 @@ function seek(t) {
     const [, tip, rcm, depth] = $("legend").querySelectorAll("tbody tr")[i].cells;
     tip.textContent = millimetres(sample(run, "tip_error", state.time)[0]);
     rcm.textContent = millimetres(Math.hypot(...sample(run, "slip", state.time)));
-    depth.textContent = (1e3 * sample(run, "depth", state.time)[0]).toFixed(1);
+    depth.textContent = `${(1e3 * sample(run, "depth", state.time)[0]).toFixed(1)} mm`;
   });
 }
 
@@ -95,7 +100,6 @@ function furnishControls() {
   for (const [id, key] of [["limits", "l"], ["ghosts", "g"], ["frame", "f"], ["theme", "b"]])
     $(id).addEventListener("click", () => KEYS[key]());
   $("ghosts").hidden = data.runs.length < 2;
-  $("targets").hidden = data.scene.targets.length === 0;
   window.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     if (event.key === " " && event.target.tagName === "BUTTON") return; // the button's own
@@ -111,15 +115,27 @@ function furnishControls() {
   data.runs.forEach((run, i) => {
     const row = $("legend").querySelector("tbody").insertRow();
     for (let cell = 0; cell < 4; cell++) row.insertCell();
-    const swatch = document.createElement("i");
-    swatch.style.background = run.colour;
-    row.cells[0].append(swatch, run.label);
+    row.cells[0].append(mark("", run.label, run.colour));
     row.title = "click: the arm of this run is solid, and the endoscope is its own";
     row.addEventListener("click", () => choose({ main: i }));
-    const mark = document.createElement("span");
-    mark.append(swatch.cloneNode(), run.label);
-    $("caption").append(mark);
+    $("caption").append(mark("", run.label, run.colour));
   });
+  const { targets, obstacles } = data.scene;
+  for (const [name, there] of [["desired tip", true], ["target", targets.length], ["obstacle", obstacles.length]]) {
+    if (!there) continue;
+    $("caption").append(mark(name.split(" ")[0], name));
+    $("keys").querySelector("br").before(mark(name.split(" ")[0], name));
+  }
+}
+
+// A swatch and what it stands for.
+function mark(name, text, colour = "") {
+  const [all, swatch] = ["span", "i"].map((tag) => document.createElement(tag));
+  swatch.className = name;
+  swatch.style.background = colour;
+  all.className = "mark";
+  all.append(swatch, text);
+  return all;
 }
 
 let last = performance.now();
@@ -134,19 +150,11 @@ function tick(now) {
   requestAnimationFrame(tick);
 }
 
-// #scene, #endoscope: only that, as large as the window, for pictures.
-const solo = location.hash.slice(1);
-if (solo) document.body.dataset.solo = solo;
-else await runScript("plotly-gz");
 furnishControls();
 theme(document.documentElement.dataset.theme);
 stage.resize();
 choose({});
 seek(0);
-if (!solo) {
-  plots = new Plots($("plots"), data.runs, seek);
-  await plots.draw(0);
-}
 $("wait").remove();
 requestAnimationFrame(tick);
 
@@ -154,10 +162,12 @@ requestAnimationFrame(tick);
 // draw(); picture() draws, and returns one pane as a PNG's data URL.
 window.rcmqp = {
   duration,
-  openedIn: performance.now(), // [ms] since the browser was told to open the page
+  drawnIn: null, // [ms] from opening the page to the scene on the screen, which can be played
+  openedIn: null, // [ms] to all of the page, plots too
   get time() { return state.time; },
   get playing() { return state.playing; },
   get speed() { return state.speed; },
+  get draws() { return stage.draws; }, // how often the scene was drawn
   seek,
   play: () => play(true),
   pause: () => play(false),
@@ -176,4 +186,18 @@ window.rcmqp = {
     return (which === "scene" ? stage.viewer.renderer : stage.scope).domElement.toDataURL();
   },
 };
+
+const frame = () => new Promise(requestAnimationFrame);
+await frame(); // draws the scene
+await frame(); // it is on the screen
+window.rcmqp.drawnIn = performance.now();
+
+// Plotly is large: the scene can be looked at, and played, while the plots are prepared.
+if (!solo) {
+  runScript(await plotly);
+  plots = new Plots($("plots"), data.runs, seek);
+  await plots.draw(state.main);
+  plots.move(state.time);
+}
+window.rcmqp.openedIn = performance.now();
 document.documentElement.dataset.ready = "";

@@ -8,6 +8,12 @@ const PLOTS = [
 ];
 const FAR_APART = 30; // ratio of the runs' maxima above which an error is drawn logarithmically
 
+// What a hundredth of the values, not counting missing ones, lies below.
+function hundredth(values) {
+  const sorted = values.filter((value) => !Number.isNaN(value)).sort();
+  return sorted[Math.floor(0.01 * sorted.length)];
+}
+
 class Plots {
   constructor(pane, runs, seek) {
     Object.assign(this, { pane, runs });
@@ -28,12 +34,14 @@ class Plots {
   }
 
   // Maxima that lie far apart need a logarithmic axis, or the small ones are a line at zero: its
-  // range in powers of ten, or false.
+  // range in powers of ten, or false. It starts below all but the lowest hundredth of each run,
+  // as the figures do, but no more than three decades below the least maximum.
   logarithmic(name) {
     const most = this.maxima(name);
     const [least, greatest] = [Math.min(...most), Math.max(...most)];
     const apart = name.endsWith("_error") && least > 0 && greatest > FAR_APART * least;
-    return apart && [Math.log10(least) - 1, Math.log10(greatest) + 0.3];
+    const low = Math.min(...this.runs.map((run) => hundredth(run.curves[name][1])));
+    return apart && [Math.log10(Math.max(0.5 * low, 1e-3 * least)), Math.log10(greatest) + 0.3];
   }
 
   draw(main) {
@@ -47,7 +55,7 @@ class Plots {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { size: 11, color: colour("soft"), family: style.fontFamily },
       showlegend: false, dragmode: false, hovermode: "x", hoverdistance: 30,
-      xaxis: { ...grid, anchor: `y${PLOTS.length}`, title: { text: "time [s]", standoff: 4 }, fixedrange: true,
+      xaxis: { ...grid, anchor: `y${PLOTS.length}`, title: { text: "time [s]", standoff: 4, font: { size: 11 } }, fixedrange: true,
         range: [0, Math.max(...this.runs.map((run) => run.frames.time.at(-1)))] },
       annotations: [], shapes: [],
     };

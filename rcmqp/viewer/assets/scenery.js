@@ -25,14 +25,9 @@ function makeWall(radius) {
   const hole = 2.6 * radius, rim = WALL, thick = 0.012, bend = 0.28;
   const height = (r) => -(r * r) / (2 * bend);
   const profile = [];
-  for (let i = 0; i <= 24; i++) {
-    const r = hole + (rim - hole) * (i / 24);
-    profile.push(new THREE.Vector2(r, height(r) + thick / 2));
-  }
-  for (let i = 24; i >= 0; i--) {
-    const r = hole + (rim - hole) * (i / 24);
-    profile.push(new THREE.Vector2(r, height(r) - thick / 2));
-  }
+  const radii = Array.from({ length: 11 }, (_, i) => hole + (rim - hole) * (i / 10));
+  for (const r of radii) profile.push(new THREE.Vector2(r, height(r) + thick / 2));
+  for (const r of radii.reverse()) profile.push(new THREE.Vector2(r, height(r) - thick / 2));
   profile.push(profile[0]);
   const skin = standard(0xe3a78c, { transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false });
   const wall = new THREE.Mesh(new THREE.LatheGeometry(profile, 96), skin);
@@ -83,7 +78,7 @@ function makeBall(centre, radius, material) {
 // Soft ground beyond the deepest tip, seen through the endoscope only, to show that it moves.
 function makeGround(scene) {
   const THREE = MeshCat.THREE;
-  const geometry = new THREE.PlaneGeometry(0.8, 0.8, 200, 200);
+  const geometry = new THREE.PlaneGeometry(0.8, 0.8, 140, 140);
   const at = geometry.attributes.position;
   const tones = new Float32Array(3 * at.count);
   const [pale, deep] = [new THREE.Color(0xc9796a), new THREE.Color(0x8f3a34)].map((c) => c.convertSRGBToLinear());

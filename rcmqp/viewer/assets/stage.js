@@ -6,6 +6,7 @@ const THEMES = {
   dark: { paper: 0x15181c, desired: 0x6b747d, shadow: 0.45 },
 };
 const TARGET = 0xf0e442;
+const OBSTACLE = 0x8d6f8f;
 
 class Stage {
   constructor(pane, scopePane, data) {
@@ -36,7 +37,7 @@ class Stage {
     viewer.set_camera(this.camera);
     new ResizeObserver(() => this.resize()).observe(pane);
     new ResizeObserver(() => this.resize()).observe(scopePane);
-    this.time = 0;
+    this.time = this.draws = 0;
   }
 
   add(name, object, parent) {
@@ -60,8 +61,8 @@ class Stage {
     for (const centre of scene.targets)
       this.add("targets", makeBall(centre, 0.003, standard(TARGET, { emissive: 0x554d00 })), this.moving);
     for (const { centre, radius } of scene.obstacles)
-      this.add("obstacles", makeBall(centre, radius, standard(0x8d6f8f, { transparent: true, opacity: 0.85 })));
-    this.desired = this.add("desired", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 4.3 + 2.2 * runs.length));
+      this.add("obstacles", makeBall(centre, radius, standard(OBSTACLE, { transparent: true, opacity: 0.85 })));
+    this.desired = this.add("desired", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 3.2 + 1.8 * runs.length));
     this.trails = runs.map((run, i) => {
       const { points, times } = trail(run, "tip");
       const line = this.add("trails", thickLine(points, run.colour, 2.4));
@@ -158,8 +159,8 @@ class Stage {
   frame() {
     const points = this.close ? this.workPoints() : this.allPoints();
     const { clientWidth: w, clientHeight: h } = this.pane;
-    const side = this.hasLens && !this.close ? this.lensAt[2] + 12 : 0; // left free for the lens
-    const above = this.pane.querySelector("#caption").offsetHeight; // and for what is written
+    const side = this.hasLens && !this.close ? this.lensAt[2] + 14 : 0; // left free for the lens
+    const above = document.getElementById("caption").offsetHeight; // and for what is written
     const share = [(w - side) / w, (h - above) / h];
     const target = this.aim(this.camera, points, this.direction(), this.close ? 1.3 : 1.06, share);
     this.camera.setViewOffset(w, h, side / 2, -above / 2, w, h);
@@ -168,18 +169,21 @@ class Stage {
     this.dirty = true;
   }
 
+  // Fit both panes, if their size is another than before.
   resize() {
     const { clientWidth: w, clientHeight: h } = this.pane;
+    const scope = Math.min(this.scopePane.clientWidth, this.scopePane.clientHeight);
+    if (String([w, h, scope]) === this.size) return;
+    this.size = String([w, h, scope]);
     if (w && h) {
       this.viewer.renderer.setSize(w, h, false);
       const size = Math.round(Math.min(0.36 * w, 0.55 * h));
       this.hasLens = size >= 180;
       const lens = this.pane.querySelector("#lens").style;
       Object.assign(lens, { width: `${size}px`, height: `${size}px`, right: "10px", bottom: "10px" });
-      this.lensAt = [w - size - 11, 10, size];
+      this.lensAt = [w - size - 9, 11, size - 2]; // inside its border
     }
-    const size = Math.min(this.scopePane.clientWidth, this.scopePane.clientHeight);
-    if (size) this.scope.setSize(size, size, false);
+    if (scope) this.scope.setSize(scope, scope, false);
     this.frame();
   }
 
@@ -203,7 +207,7 @@ class Stage {
     // The main run's trail is thin and in front, so that the others show beside it, each wider.
     this.trails.forEach(({ line }, i) => {
       const rank = i === main ? 0 : i < main ? i + 1 : i;
-      line.width = 2.2 * (rank + 1);
+      line.width = 1.8 * (rank + 1);
       line.material.uniforms.lift.value = 0.003 * (1 - rank / runs);
     });
     this.seek(this.time);
@@ -216,7 +220,7 @@ class Stage {
       this.arms[i].pose(t);
       const { line, times } = this.trails[i];
       const [row, share] = times.length > 1 ? place(times, t) : [0, 0];
-      line.geometry.instanceCount = t <= 0 ? 0 : Math.min(times.length - 1, row + (share > 0 ? 1 : 0));
+      line.cut(t <= 0 ? 0 : Math.min(times.length - 1, row + (share > 0 ? 1 : 0)));
       const pivot = new THREE.Vector3(...sample(run, "pivot", t));
       const slip = new THREE.Vector3(...sample(run, "slip", t));
       this.arrows[i].point(pivot, slip.clone().multiplyScalar(this.magnify));
@@ -229,6 +233,7 @@ class Stage {
   render() {
     if (!this.dirty && !this.viewer.needs_render) return;
     this.dirty = false;
+    this.draws += 1;
     if (this.pane.clientWidth) this.renderScene();
     if (this.scopePane.clientWidth) this.scope.render(this.viewer.scene, this.inside());
   }
@@ -269,12 +274,12 @@ class Stage {
   // How large the RCM error is; it stands in a corner of the close-up, or of the pane without one.
   label(size) {
     const text = this.pane.querySelector("#slip");
-    text.textContent = `RCM error ${millimetres(size)} mm, drawn \u00d7${this.magnify}`;
+    text.textContent = `RCM error ${millimetres(size)}, drawn \u00d7${this.magnify}`;
   }
 }
 
-// Three significant digits [mm] of a length [m].
+// A length [m] in millimetres, with three significant digits.
 function millimetres(x) {
   const mm = 1e3 * x;
-  return mm === 0 ? "0" : mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3);
+  return `${mm === 0 ? 0 : mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3)} mm`;
 }
