@@ -114,6 +114,7 @@ def approach(
     far_depth: float,
     /,
 ) -> tuple[Array, Array, int, Array, Array, bool]: ...
+def store(table: Array, k: int, /, *arrays: Array) -> None: ...
 def views(
     figure: int,
     numbers: Array,

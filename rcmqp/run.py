@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import ArmError, RcmqpError, RunFileError
+from rcmqp.errors import ArmError, OptionError, RcmqpError, RunFileError
 from rcmqp.head import CHECKED, FORMAT, FORMAT_VERSION, Head, about
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
+FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit")
+"""Channels that are the arm's, without a row for each cycle."""
 
 
 def _channel(unit: str, meaning: str) -> Any:
@@ -85,6 +87,40 @@ class Run:
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 
+    @classmethod
+    def joined(cls, parts: Iterable[Run], cycles: int) -> Run:
+        """The run that parts make, one after the other, ``cycles`` in all at most.
+
+        Raises:
+            OptionError: there is no part.
+        """
+        rows: dict[str, Array] = {}
+        diagnostics: dict[str, Array] = {}
+        stops: dict[str, list[int]] = {}
+        first, n = None, 0
+        for part in parts:
+            first = first or part
+            now = slice(n, n + len(part.time))
+            for name, values in part.rows().items():
+                if name not in rows:
+                    rows[name] = np.empty((cycles, *values.shape[1:]))
+                rows[name][now] = values
+            for name, values in part.diagnostics.items():
+                if name not in diagnostics:
+                    diagnostics[name] = np.full(cycles, np.nan)
+                diagnostics[name][now] = values
+            for reason, found in part.stops.items():
+                stops.setdefault(reason, []).extend(n + k for k in found)
+            n = now.stop
+        if first is None:
+            raise OptionError("a run without a cycle; the path ended before it began")
+        return dataclasses.replace(
+            first,
+            **{name: values[:n] for name, values in rows.items()},
+            diagnostics={name: values[:n] for name, values in diagnostics.items()},
+            stops=stops,
+        )
+
     @property
     def period(self) -> float:
         """Sampling period T [s]."""
@@ -146,6 +182,10 @@ class Run:
     def arrays(self) -> dict[str, Array]:
         """The arrays with a unit, by name."""
         return {item.name: getattr(self, item.name) for item in channels()}
+
+    def rows(self) -> dict[str, Array]:
+        """The arrays (n, ...) with a row for each cycle, by name."""
+        return {name: array for name, array in self.arrays().items() if name not in FIXED}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one HDF5 file; there is a whole file afterwards or none.

@@ -23,6 +23,33 @@ static int counted(const char *name, Py_ssize_t count, Py_ssize_t expected)
     return 0;
 }
 
+/* store(table, k, array, ...): the arrays' numbers, one array after the other, fill row k. */
+PyObject *store(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    const npy_intp size = count < 2 ? -1 : size_of(args[0]);
+    double *numbers = size < 0 ? NULL : space_of(args[0], size, "table");
+    if (numbers == NULL || PyArray_NDIM((PyArrayObject *)args[0]) != 2) {
+        if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "store(table, k, array, ...)");
+        return NULL;
+    }
+    const npy_intp *shape = PyArray_DIMS((PyArrayObject *)args[0]);
+    const int k = count_of(args[1], (long)shape[0] - 1, "k");
+    npy_intp filled = 0;
+    for (Py_ssize_t i = 2; !PyErr_Occurred() && i < count; ++i) {
+        const npy_intp n = size_of(args[i]);
+        const double *given = numbers_of(args[i], NPY_DOUBLE, n, "array");
+        if (given != NULL && filled + n <= shape[1])
+            memcpy(numbers + shape[1] * k + filled, given, sizeof(double) * (size_t)n);
+        filled += n;
+    }
+    if (!PyErr_Occurred() && filled != shape[1])
+        PyErr_Format(PyExc_ValueError, "%zd numbers for a row of %zd", (Py_ssize_t)filled,
+                     (Py_ssize_t)shape[1]);
+    if (PyErr_Occurred()) return NULL;
+    Py_RETURN_NONE;
+}
+
 /* views(figure, numbers, duration, ramp, times, tip_depth) */
 PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {

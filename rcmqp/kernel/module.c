@@ -15,6 +15,7 @@ PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *approach(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *store(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_poses(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -50,6 +51,7 @@ static PyMethodDef methods[] = {
     METHOD(carried, "A pose moved in the world's axes."),
     METHOD(view_pose, "The reference of a view, equation (5)."),
     METHOD(approach, "One part of the planner's way, equations (9) to (11)."),
+    METHOD(store, "Put the numbers of arrays into a row of a table."),
     METHOD(views, "What a path that the tip draws asks for at many instants."),
     METHOD(view_poses, "The references of many views, equation (5)."),
     METHOD(observed, "What a record says of many poses."),
