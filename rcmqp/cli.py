@@ -20,8 +20,9 @@ from rcmqp.loading import arm_names, load_arm
 from rcmqp.metrics import compute_metrics
 from rcmqp.report import cli as report_cli
 from rcmqp.run import Run, check_writable, make_folder
+from rcmqp.run_file import RunFile
 from rcmqp.scenario import load_scenario, scenario_module, scenario_names
-from rcmqp.simulate import simulate
+from rcmqp.simulate import record, simulate
 from rcmqp.study import command as study_command
 from rcmqp.viewer.cli import register
 
@@ -127,10 +128,18 @@ def run(
     if file is not None:
         check_writable(file)
     with console.bar(quiet=as_json) as advance:
-        result = simulate(chosen, made, lambda done: advance(str(chosen), done, chosen.cycles))
-    if file is not None:
-        result.save(file)
-    console.print_run(result, as_json, file)
+
+        def progress(done: int) -> None:
+            advance(str(chosen), done, chosen.cycles)
+
+        if file is None:
+            result = simulate(chosen, made, progress)
+        else:
+            record(chosen, made, file, progress)
+    if file is None:
+        console.print_run(result, as_json, None)
+    else:
+        _show(file, as_json)
 
 
 @app.command()
@@ -143,9 +152,8 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show what is in a run's file."""
-    result = Run.load(file)
-    written = [] if figures is None else _draw(result, figures, file.stem)
-    console.print_run(result, as_json, file)
+    written = [] if figures is None else _draw(Run.load(file), figures, file.stem)
+    _show(file, as_json)
     for path in written if not as_json else []:
         out.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
@@ -382,6 +390,12 @@ def _value(option: str, text: str, kind: type) -> Any:
         return kind(text)
     except ValueError as error:
         raise OptionError(f"--set {option}={text}: it must be a number") from error
+
+
+def _show(file: Path, as_json: bool) -> None:
+    """What is in a run's file."""
+    with RunFile(file) as result:
+        console.print_run(result, as_json, file)
 
 
 def _draw(result: Run, folder: Path, stem: str) -> list[Path]:

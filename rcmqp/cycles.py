@@ -12,8 +12,8 @@ from rcmqp import _kernel
 from rcmqp.controllers.base import SAFE_STOP, Controller
 from rcmqp.derived import Derived
 from rcmqp.dualquaternion import Array
-from rcmqp.run import Run
-from rcmqp.scenario import BLOCK, Scenario
+from rcmqp.run import PART, Run
+from rcmqp.scenario import Scenario
 
 ROW = ("q", "q_measured", "angles", "v", "v_actual", "v_measured", "x", "x_d", "J")
 """What a cycle leaves: channels of Run; and J (6, nv), the effector's Jacobian, ArmState.J_local."""
@@ -34,7 +34,7 @@ class Cycles:
         scenario: Scenario,
         controller: Controller,
         versions: Mapping[str, str],
-        size: int = BLOCK,
+        size: int = PART,
     ) -> None:
         """Before the first cycle.
 

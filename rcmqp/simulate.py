@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
 import time
 from collections.abc import Callable, Iterator
@@ -14,8 +15,9 @@ from rcmqp.controllers.checks import is_finite
 from rcmqp.cycles import Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.run import Run
-from rcmqp.scenario import BLOCK, Scenario
+from rcmqp.recorder import Recorder
+from rcmqp.run import PART, Run
+from rcmqp.scenario import Scenario
 
 PACKAGES = ("rcmqp", "pin", "numpy", "h5py", "example-robot-data", "proxsuite", "qpsolvers")
 
@@ -45,11 +47,35 @@ def simulate(
     return Run.joined(parts(scenario, controller, progress), scenario.cycles)
 
 
+def record(
+    scenario: Scenario,
+    controller: Controller,
+    path: str | os.PathLike[str],
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """What simulate() does, its run streamed to a file, in the memory of one part of it.
+
+    The file is what Run.save() would write; an earlier one is kept until it is there. RunFile
+    looks at it in as little memory.
+
+    Args:
+        scenario, controller, progress: see simulate().
+        path: of the file.
+
+    Raises:
+        RunFileError: the file cannot be written.
+        RcmqpError: as simulate() does.
+    """
+    with Recorder(path, scenario, controller, versions()) as recorder:
+        for part in parts(scenario, controller, progress):
+            recorder.write(part)
+
+
 def parts(
     scenario: Scenario,
     controller: Controller,
     progress: Callable[[int], None] | None = None,
-    size: int = BLOCK,
+    size: int = PART,
 ) -> Iterator[Run]:
     """The run of simulate() while it goes on: parts of ``size`` cycles, the last one shorter."""
     _check_made_for(scenario, controller)
@@ -89,8 +115,8 @@ def parts(
             reference.x_d,
             state.J_local,
         )
-        if progress is not None and k % 100 == 99:
-            progress(100)
+        if progress is not None and (k % 100 == 99 or k == scenario.cycles - 1):
+            progress(k % 100 + 1)
         if len(cycles) == cycles.size:
             yield cycles.part()
     if len(cycles):
