@@ -17,7 +17,8 @@ from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
 from rcmqp.errors import RcmqpError
-from rcmqp.metrics import compute_metrics
+from rcmqp.loading import arm_names
+from rcmqp.metrics import against_limit, compute_metrics
 from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario
 from rcmqp.simulate import simulate
@@ -36,6 +37,7 @@ class Case:
         arm: name; None for the scenario's own.
         changes: fields of the scenario to be other than it has them.
         options: of the controller.
+        flange: where the arm is a URDF, the frame that carries the instrument.
     """
 
     scenario: str
@@ -43,6 +45,7 @@ class Case:
     controller: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    flange: str | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Row:
     Attributes:
         limits_kept: whether no joint left its position, speed or acceleration limits.
         safe_stops: cycles that ended in the controller's safe stop.
+        acceleration_ratio_max: NaN, too, on arms without acceleration limits.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
         failure: why there is no run; empty where there is one. Numbers are NaN then.
     """
@@ -107,11 +111,30 @@ def cases(
     arms: Sequence[str | None],
     controllers: Sequence[str],
     changes: Mapping[str, Any] | None = None,
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    flange: str | None = None,
 ) -> list[Case]:
-    """Every combination, scenarios first."""
+    """Every combination, scenarios first; see Case.
+
+    Args:
+        scenarios, arms, controllers: names; an arm may be a URDF's path.
+        changes: fields of every scenario.
+        options: of each controller that is to have some, by its name.
+        flange: for the arms that are URDFs.
+    """
+    named = (None, *arm_names())
     return [
-        Case(scenario, arm, controller.replace("-", "_"), changes or {})
-        for scenario, arm, controller in itertools.product(scenarios, arms, controllers)
+        Case(
+            scenario,
+            arm,
+            name,
+            changes or {},
+            (options or {}).get(name, {}),
+            None if arm in named else flange,
+        )
+        for scenario, arm, name in itertools.product(
+            scenarios, arms, [controller.replace("-", "_") for controller in controllers]
+        )
     ]
 
 
@@ -156,7 +179,7 @@ def compare(
 def run_case(case: Case, folder: Path) -> Row:
     """Run one case and save the run."""
     try:
-        scenario = load_scenario(case.scenario, case.arm, **case.changes)
+        scenario = load_scenario(case.scenario, case.arm, flange=case.flange, **case.changes)
         insertion = scenario.insertion()
         controller = make_controller(case.controller, insertion, scenario.period, **case.options)
         run = simulate(scenario, controller)
@@ -177,7 +200,7 @@ def row_of(run: Run) -> Row:
         run.controller,
         **{name: value for name, value in found.items() if name in names},
         limits_kept=found["speed_ratio_max"] <= 1.0 + ROUNDING
-        and found["acceleration_ratio_max"] <= 1.0 + ROUNDING
+        and not found["acceleration_ratio_max"] > 1.0 + ROUNDING
         and found["limit_margin_min_rad"] >= -ROUNDING,
         safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
         sparc=sparc(speed, run.period),
@@ -218,7 +241,10 @@ def as_markdown(rows: Iterable[Row]) -> str:
         f"| {' | '.join(['---'] * 3 + ['---:'] * (len(_TITLES) - 4) + ['---'])} |",
     ]
     for row in rows:
-        lines.append(f"| {' | '.join(_cell(getattr(row, name)) for name in _TITLES)} |")
+        cells = {name: _cell(getattr(row, name)) for name in _TITLES}
+        if not row.failure:
+            cells["acceleration_ratio_max"] = against_limit(row.acceleration_ratio_max, ".4g")
+        lines.append(f"| {' | '.join(cells.values())} |")
     return "\n".join(lines) + "\n"
 
 

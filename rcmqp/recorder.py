@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import glob
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -72,6 +73,7 @@ class Recorder:
         """Open the file beside the one to be."""
         import h5py  # only files need it, and it takes long to import
 
+        self._sweep()
         try:
             self._file: h5py.File = h5py.File(self._part, "w", rdcc_nbytes=0)
         except OSError as error:
@@ -150,6 +152,14 @@ class Recorder:
                 self._file.close()
             self._part.unlink(missing_ok=True)
 
+    def _sweep(self) -> None:
+        """Remove what a process that was killed left of this file."""
+        stem = glob.escape(f".{self._path.name}")
+        for left in self._path.parent.glob(f"{stem}.*.recording"):
+            process = left.name.split(".")[-2]
+            if process.isdecimal() and not _runs(int(process)):
+                left.unlink(missing_ok=True)
+
     def _finish(self) -> None:
         """Write what is left, and give the file its name."""
         if len(self._cycles):
@@ -191,3 +201,14 @@ class Recorder:
                 rows[item.name] = dataset
         del rows["solve_time"]
         head.write(file, head.digest(rows, block=self._size))
+
+
+def _runs(process: int) -> bool:
+    """Whether there is a process of that number on this machine."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True  # somebody else's
+    return True

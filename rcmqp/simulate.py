@@ -15,6 +15,7 @@ from rcmqp.controllers.checks import is_finite
 from rcmqp.cycles import Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.qp import InvalidProblem
 from rcmqp.recorder import Recorder
 from rcmqp.run import PART, Run
 from rcmqp.scenario import Scenario
@@ -42,6 +43,7 @@ def simulate(
 
     Raises:
         OptionError: the controller was made for another period or another insertion.
+        InvalidProblem: a task or a limit of its is of a wrong shape.
         RcmqpError: whatever the path or the controller refuses.
     """
     return Run.joined(parts(scenario, controller, progress), scenario.cycles)
@@ -100,6 +102,8 @@ def parts(
         answer = controller.step(seen, reference)
         solve_time = clock() - start
         command = _checked(answer, controller.name, arm.nv, k * T)
+        if k == 0:
+            _check_possible(answer)
         drive.step(command)
         cycles.add(
             solve_time,
@@ -147,6 +151,17 @@ def _checked(answer: Command, name: str, nv: int, t: float) -> Array:
             f"{nv} finite joint velocities"
         )
     return np.ascontiguousarray(v, dtype=float)
+
+
+def _check_possible(first: Command) -> None:
+    """Refuse a controller whose tasks or limits are of wrong shape: that does not get better.
+
+    Raises:
+        InvalidProblem: with the reason of the first cycle's safe stop.
+    """
+    kind, _, reason = first.stop.partition(": ")
+    if kind == InvalidProblem.__name__:
+        raise InvalidProblem(f"the controller cannot make a single step: {reason}")
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:

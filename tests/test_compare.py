@@ -22,9 +22,10 @@ CASES = cases(
 )
 
 
-def numbers(rows: list[Row]) -> list[dict[str, object]]:
+def numbers(rows: list[Row]) -> list[dict[str, str]]:
+    """To the last digit; as text, in which NaN is NaN."""
     return [
-        {name: x for name, x in dataclasses.asdict(row).items() if name not in TIMES}
+        {name: repr(x) for name, x in dataclasses.asdict(row).items() if name not in TIMES}
         for row in rows
     ]
 
