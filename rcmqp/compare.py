@@ -117,7 +117,9 @@ def cases(
     """Every combination, scenarios first; see Case.
 
     Args:
-        scenarios, arms, controllers: names; an arm may be a URDF's path.
+        scenarios: names.
+        arms: names, or paths of URDFs; None for the scenario's own.
+        controllers: names.
         changes: fields of every scenario.
         options: of each controller that is to have some, by its name.
         flange: for the arms that are URDFs.

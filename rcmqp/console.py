@@ -107,9 +107,7 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
         )
     if metrics.speed_ratio_max > 1.0:
         where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
-        found.append(
-            f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit"
-        )
+        found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
     if metrics.limit_margin_min_rad < 0.0:
         where = _where(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)

@@ -16,7 +16,7 @@ from rcmqp.run import PART, Run
 from rcmqp.scenario import Scenario
 
 ROW = ("q", "q_measured", "angles", "v", "v_actual", "v_measured", "x", "x_d", "J")
-"""What a cycle leaves: channels of Run; and J (6, nv), the effector's Jacobian, ArmState.J_local."""
+"""What a cycle leaves: channels of Run; and J (6, nv), the effector's Jacobian J_local."""
 
 
 class Cycles:

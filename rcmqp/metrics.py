@@ -73,11 +73,11 @@ class Metrics:
 def compute_metrics(run: Recording) -> Metrics:
     """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
     found: defaultdict[str, Extent] = defaultdict(Extent)
-    v, tip_d = None, None
+    before: Run | None = None
     for part in run.parts():
-        for name, values in _measures(part, v, tip_d).items():
-            found[name].add(values)
-        v, tip_d = part.v[-1:], part.tip_d[-1:]
+        for name, channel in _measures(part, before).items():
+            found[name].add(channel)
+        before = part
     has_limit = np.isfinite(part.acceleration_limit).any()
     values = {
         **_summary(run, "tip", "mm", found),
@@ -100,28 +100,24 @@ def compute_metrics(run: Recording) -> Metrics:
     return Metrics(**{name: float(value) for name, value in values.items()})
 
 
-def _measures(part: Run, v: Array | None, tip_d: Array | None) -> dict[str, Array]:
-    """What is summed up of a part.
-
-    Args:
-        part: of a run.
-        v: the command (1, nv) before it; None at the start, at rest.
-        tip_d: the desired tip (1, 3) before it; None at the start.
-    """
-    channels = ("tip", "effector", "rcm", "orientation")
+def _measures(part: Run, before: Run | None) -> dict[str, Array]:
+    """What is summed up of a part of a run; the part before it is None at the start, at rest."""
+    v = np.zeros_like(part.v[:1]) if before is None else before.v[-1:]
+    tip_d = part.tip_d[:0] if before is None else before.tip_d[-1:]
     speed_ratio = np.abs(part.v / part.velocity_limit).max(axis=-1)
-    acceleration = np.abs(np.diff(part.v, axis=0, prepend=np.zeros((1, part.v.shape[1])) if v is None else v)) / part.period
+    acceleration = np.abs(np.diff(part.v, axis=0, prepend=v)) / part.period
     acceleration_ratio = (acceleration / part.acceleration_limit).max(axis=-1)
-    tips = part.tip_d if tip_d is None else np.concatenate([tip_d, part.tip_d])
+    tip_velocity = np.diff(np.concatenate([tip_d, part.tip_d]), axis=0) / part.period
+    errors = ("tip", "effector", "rcm", "orientation")
     return {
-        **{name: getattr(part, f"{name}_error") for name in channels},
+        **{name: getattr(part, f"{name}_error") for name in errors},
         **{name: getattr(part, name) for name in ("depth", "tilt", "singular_value")},
         "speed_ratio": speed_ratio,
         "acceleration_ratio": acceleration_ratio,
         "saturated": np.maximum(speed_ratio, acceleration_ratio) >= SATURATED,
         "margin": np.minimum(part.angles - part.lower, part.upper - part.angles),
         "obstacle": obstacle_distance(part),
-        "tip_speed": np.linalg.norm(np.diff(tips, axis=0) / part.period, axis=-1),
+        "tip_speed": np.linalg.norm(tip_velocity, axis=-1),
     }
 
 

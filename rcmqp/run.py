@@ -118,12 +118,21 @@ class Run:
             n = now.stop
         if first is None:
             raise OptionError("a run without a cycle; the path ended before it began")
-        return dataclasses.replace(
-            first,
-            **{name: values[:n] for name, values in rows.items()},
-            diagnostics={name: values[:n] for name, values in diagnostics.items()},
-            stops=stops,
+        return first.with_rows(
+            {name: values[:n] for name, values in rows.items()},
+            {name: values[:n] for name, values in diagnostics.items()},
+            stops,
         )
+
+    def with_rows(
+        self,
+        rows: Mapping[str, Array],
+        diagnostics: Mapping[str, Array],
+        stops: Mapping[str, Sequence[int]],
+    ) -> Run:
+        """The same run of other cycles: what rows() and so on are to be."""
+        channels: dict[str, Any] = dict(rows)
+        return dataclasses.replace(self, **channels, diagnostics=diagnostics, stops=stops)
 
     @property
     def period(self) -> float:
@@ -196,11 +205,10 @@ class Run:
         """The run, ``size`` rows at a time; the last part may be shorter."""
         for first in range(0, len(self.time), size):
             rows = slice(first, first + size)
-            yield dataclasses.replace(
-                self,
-                **{name: array[rows] for name, array in self.rows().items()},
-                diagnostics={name: array[rows] for name, array in self.diagnostics.items()},
-                stops=within(self.stops, rows),
+            yield self.with_rows(
+                {name: array[rows] for name, array in self.rows().items()},
+                {name: array[rows] for name, array in self.diagnostics.items()},
+                within(self.stops, rows),
             )
 
     def column(self, name: str) -> Rows:

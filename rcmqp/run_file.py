@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import os
 from collections.abc import Iterator
 from types import TracebackType
@@ -93,11 +92,10 @@ class RunFile:
         file, numbers = self._file, self._file["diagnostics"]
         for first in range(0, len(file["time"]), size):
             rows = slice(first, first + size)
-            yield dataclasses.replace(
-                self._run,
-                **{name: file[name][rows] for name in self._run.rows()},
-                diagnostics={name: numbers[name][rows] for name in self._run.diagnostics},
-                stops=within(self._run.stops, rows),
+            yield self._run.with_rows(
+                {name: file[name][rows] for name in self._run.rows()},
+                {name: numbers[name][rows] for name in self._run.diagnostics},
+                within(self._run.stops, rows),
             )
 
     def column(self, name: str) -> Rows:

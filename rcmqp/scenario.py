@@ -257,7 +257,7 @@ class Scenario:
     def _drawn(self, path: Path, insertion: Insertion) -> Iterator[Reference]:
         """The references of any other path, made a block at a time."""
         for cycles in blocks(self.cycles):
-            times = self.period * np.arange(cycles.start, cycles.stop)
+            times = self.period * np.arange(cycles.start, cycles.stop, dtype=float)
             views = views_of(path, times, insertion.tip_depth)
             deepest = int(np.argmax(views[:, 3]))
             _check_reach(insertion, times[deepest], views[deepest, 3])
@@ -266,9 +266,7 @@ class Scenario:
             yield from map(Reference, *made, pivot_dots)
 
     def _trocar(self, cycles: range) -> tuple[Array, Array]:
-        """Where the trocar is from where it was at first (n, 3) [m], and what is told of its
-        velocity (n, 3) [m/s].
-        """
+        """The trocar's offsets (n, 3) [m], and what is told of its velocity (n, 3) [m/s]."""
         offsets = self._offsets(cycles)
         if self.pivot_velocity == "unknown" or isinstance(self.motion, Still):
             return offsets, np.zeros_like(offsets)

@@ -61,8 +61,10 @@ def record(
     looks at it in as little memory.
 
     Args:
-        scenario, controller, progress: see simulate().
+        scenario: what to do.
+        controller: made for the same scenario.
         path: of the file.
+        progress: see simulate().
 
     Raises:
         RunFileError: the file cannot be written.
@@ -141,10 +143,7 @@ def _checked(answer: Command, name: str, nv: int, t: float) -> Array:
     """
     v = getattr(answer, "v", None)
     if not (
-        isinstance(v, np.ndarray)
-        and v.shape == (nv,)
-        and v.dtype.kind == "f"
-        and is_finite(v)
+        isinstance(v, np.ndarray) and v.shape == (nv,) and v.dtype.kind == "f" and is_finite(v)
     ):
         raise InvalidCommand(
             f"controller {name!r} answered {answer} at t = {t:.6g} s; it must be a Command with "

@@ -21,6 +21,7 @@ from rcmqp import (
     Reference,
     Run,
     ViewCommand,
+    compute_metrics,
     load_scenario,
     make_controller,
     simulate,
