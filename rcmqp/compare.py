@@ -16,7 +16,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
-from rcmqp.errors import RcmqpError
+from rcmqp.errors import RcmqpError, RunFileError
 from rcmqp.loading import arm_names
 from rcmqp.metrics import against_limit, compute_metrics
 from rcmqp.run import Run, check_writable, make_folder
@@ -165,16 +165,17 @@ def compare(
     folder = make_folder(out)
     check_writable(folder / "comparison.csv")
     rows = []
-    work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(run_case)(case, folder) for case in todo
-    )
-    for row in work:
+    parallel = Parallel(n_jobs=jobs, return_as="generator", batch_size=1)
+    for row in parallel(delayed(run_case)(case, folder) for case in todo):
         rows.append(row)
         if progress is not None:
             progress(1)
     (folder / "comparison.csv").write_text(as_csv(rows), encoding="utf-8")
     (folder / "comparison.md").write_text(f"# Comparison\n\n{as_markdown(rows)}", encoding="utf-8")
-    _draw(rows, folder)
+    figures = _figures(rows)
+    for problem in parallel(delayed(_draw)(folder, *figure) for figure in figures.items()):
+        if problem is not None:
+            raise RunFileError(Path(problem[0]), problem[1])
     return rows
 
 
@@ -215,16 +216,26 @@ def _stem(run: Run) -> str:
     return f"{run.scenario.name}_{Path(run.scenario.arm).stem}"
 
 
-def _draw(rows: Sequence[Row], folder: Path) -> None:
-    """The errors of all controllers over the same time axis, a figure a scenario and arm."""
+def _figures(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Files of the runs that are in each figure: of one scenario and arm."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if not row.failure:
+            stem = f"{row.scenario}_{Path(row.arm).stem}"
+            found.setdefault(stem, []).append(f"{stem}_{row.controller}.h5")
+    return found
+
+
+def _draw(folder: Path, stem: str, files: Sequence[str]) -> tuple[str, str] | None:
+    """The errors of all controllers over the same time axis; or (file, reason) why not."""
     from rcmqp import plots  # matplotlib takes long to import
 
-    done = [row for row in rows if not row.failure]
-    for scenario, arm in dict.fromkeys((row.scenario, row.arm) for row in done):
-        names = [row.controller for row in done if (row.scenario, row.arm) == (scenario, arm)]
-        stem = f"{scenario}_{Path(arm).stem}"
-        runs = [Run.load(folder / f"{stem}_{name}.h5") for name in names]
+    try:
+        runs = [Run.load(folder / file) for file in files]
         plots.save_figure(plots.error_figure(runs, logarithmic=True), folder / stem)
+    except RunFileError as error:
+        return str(error.path), error.reason
+    return None
 
 
 def as_csv(rows: Iterable[Row]) -> str:

@@ -80,7 +80,7 @@ class Cycles:
         """The run of the cycles since the last part, which are forgotten."""
         columns = np.split(self._table[: len(self)], self._ends[:-1], axis=1)
         rows = {
-            name: np.ascontiguousarray(column).reshape(-1, *shape)
+            name: np.array(column, order="C").reshape(-1, *shape)
             for column, (name, shape) in zip(columns, self.shapes.items(), strict=True)
         }
         names = dict.fromkeys(itertools.chain.from_iterable(self._diagnostics))
