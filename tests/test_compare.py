@@ -39,6 +39,7 @@ def numbers(rows: list[Row]) -> list[dict[str, str]]:
     ]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_rows_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
     done: list[int] = []
     one = compare(CASES, tmp_path / "one", progress=done.append)

@@ -150,7 +150,7 @@ def test_manipulability_is_finite_in_a_singularity_of_any_depth() -> None:
         assert np.isfinite(gradient).all()
 
 
-# Views, references and poses, a block at a time ---------------------------------------------
+# Views, references and poses, a block at a time --------------------------------------------
 
 
 @pytest.mark.parametrize(
