@@ -117,7 +117,7 @@ def test_an_extent_does_not_depend_on_the_blocks() -> None:
         np.random.default_rng(7).normal(size=401) ** 2,
         np.random.default_rng(7).integers(0, 3, 400).astype(float),
         10.0 ** np.random.default_rng(7).uniform(-300.0, 300.0, 400),
-        np.zeros(65) * -1.0,
+        np.repeat([-0.0, 0.0, 1.0], 40),
     ],
     ids=["errors", "many alike", "of every size", "zeros"],
 )
