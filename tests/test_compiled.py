@@ -158,7 +158,7 @@ def test_manipulability_is_finite_in_a_singularity_of_any_depth() -> None:
 )
 def test_the_views_of_a_drawn_path_are_those_of_its_tip(path: Drawn) -> None:
     times = np.linspace(-0.5, path.duration + 0.5, 400)
-    found = path.views(times, 0.1)
+    found = path.views_at(times, 0.1)
     expected = [astuple(view_of_tip(*path.tip(t, 0.1), 0.1)) for t in times]
     assert_allclose(found, expected, rtol=0, atol=1e-13)
     assert np.ptp(found[:, 0]) > 0.1

@@ -87,7 +87,7 @@ def test_a_block_of_views_is_that_of_its_commands_to_the_bit(name: str) -> None:
 def test_a_drawn_path_that_leaves_the_trocar_is_refused() -> None:
     out = ConicalHelix(pitch=-0.05)
     with pytest.raises(InvalidCommand, match=r"tip at z = -.* must be inside"):
-        out.views(np.array([0.0, out.duration]), TIP_DEPTH)
+        out.views_at(np.array([0.0, out.duration]), TIP_DEPTH)
     with pytest.raises(InvalidCommand, match=r"tip at z = -.* must be inside"):
         out.command(out.duration, TIP_DEPTH)
 

@@ -38,7 +38,7 @@ class Path(Protocol):
 def views_of(path: Path, times: Array, tip_depth: float) -> Array:
     """The views (n, 8) at ``times`` (n,) [s], a ViewCommand's numbers each; see Path.command()."""
     if isinstance(path, Drawn):
-        return path.views(times, tip_depth)
+        return path.views_at(times, tip_depth)
     commands = [path.command(t, tip_depth) for t in times.tolist()]
     return np.array([_NUMBERS(command) for command in commands], dtype=float).reshape(-1, 8)
 

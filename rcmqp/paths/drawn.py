@@ -40,9 +40,9 @@ class Drawn(abc.ABC):
 
     def command(self, t: float, tip_depth: float) -> ViewCommand:
         """The view whose tip is on the path at ``t`` [s], without roll."""
-        return ViewCommand(*self.views(np.array([t], dtype=float), tip_depth)[0].tolist())
+        return ViewCommand(*self.views_at(np.array([t], dtype=float), tip_depth)[0].tolist())
 
-    def views(self, times: Array, tip_depth: float) -> Array:
+    def views_at(self, times: Array, tip_depth: float) -> Array:
         """The views (n, 8) at ``times`` (n,) [s], a ViewCommand's numbers each; see command().
 
         Raises:
