@@ -9,8 +9,9 @@ from rcmqp.loading import arm_names, load_arm
 from rcmqp.metrics import Metrics, compute_metrics
 from rcmqp.reference import Reference, ViewCommand, view_pose
 from rcmqp.run import Run
+from rcmqp.run_file import RunFile
 from rcmqp.scenario import Scenario, load_scenario, scenario_names
-from rcmqp.simulate import simulate
+from rcmqp.simulate import record, simulate
 from rcmqp.start import find_start
 
 __version__ = "0.1.0"
@@ -27,6 +28,7 @@ __all__ = [
     "RcmqpError",
     "Reference",
     "Run",
+    "RunFile",
     "Scenario",
     "Trocar",
     "ViewCommand",
@@ -36,6 +38,7 @@ __all__ = [
     "load_arm",
     "load_scenario",
     "make_controller",
+    "record",
     "scenario_names",
     "simulate",
     "view_pose",

@@ -20,6 +20,9 @@ JOINTS: int
 TROCAR_CONE: int
 TROCAR_DEPTH: int
 KEEP_OUT: int
+HELIX: int
+CIRCLE: int
+LISSAJOUS: int
 TASK_NUMBERS: int
 LIMIT_NUMBERS: int
 
@@ -120,3 +123,19 @@ def approach(
     far_depth: float,
     /,
 ) -> tuple[Array, Array, int, Array, Array, bool]: ...
+def store(table: Array, k: int, /, *arrays: Array) -> None: ...
+def views(
+    figure: int,
+    numbers: Array,
+    duration: float,
+    ramp: float,
+    times: Array,
+    tip_depth: float,
+    /,
+) -> Array: ...
+def view_poses(
+    x_rcm: Array, views: Array, offsets: Array, pivot_dots: Array, /
+) -> tuple[Array, Array, Array]: ...
+def observed(
+    x: Array, x_d: Array, pivots: Array, axis: Array, tip_depth: float, /
+) -> tuple[Array, Array, Array]: ...

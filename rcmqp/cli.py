@@ -20,8 +20,9 @@ from rcmqp.loading import arm_names, load_arm
 from rcmqp.metrics import compute_metrics
 from rcmqp.report import cli as report_cli
 from rcmqp.run import Run, check_writable, make_folder
+from rcmqp.run_file import RunFile
 from rcmqp.scenario import load_scenario, scenario_module, scenario_names
-from rcmqp.simulate import simulate
+from rcmqp.simulate import record, simulate
 from rcmqp.study import command as study_command
 from rcmqp.viewer.cli import register
 
@@ -127,10 +128,18 @@ def run(
     if file is not None:
         check_writable(file)
     with console.bar(quiet=as_json) as advance:
-        result = simulate(chosen, made, lambda done: advance(str(chosen), done, chosen.cycles))
-    if file is not None:
-        result.save(file)
-    console.print_run(result, as_json, file)
+
+        def progress(done: int) -> None:
+            advance(str(chosen), done, chosen.cycles)
+
+        if file is None:
+            result = simulate(chosen, made, progress)
+        else:
+            record(chosen, made, file, progress)
+    if file is None:
+        console.print_run(result, as_json, None)
+    else:
+        _show(file, as_json)
 
 
 @app.command()
@@ -143,9 +152,8 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show what is in a run's file."""
-    result = Run.load(file)
-    written = [] if figures is None else _draw(result, figures, file.stem)
-    console.print_run(result, as_json, file)
+    written = [] if figures is None else _draw(Run.load(file), figures, file.stem)
+    _show(file, as_json)
     for path in written if not as_json else []:
         out.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
@@ -212,7 +220,11 @@ def compare(
     ],
     arm: Annotated[
         list[str] | None,
-        typer.Option("--arm", "-a", help="Name; may be repeated; each scenario's own without it."),
+        typer.Option(
+            "--arm",
+            "-a",
+            help="Name, or a URDF's path; may be repeated; each scenario's own without it.",
+        ),
     ] = None,
     controller: Annotated[
         list[str] | None,
@@ -221,9 +233,18 @@ def compare(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "comparison"
     ),
+    flange: FlangeOption = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="An option, for each of the controllers that has it; may be repeated.",
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option("--jobs", "-j", help="Processes; -1 for every core.")] = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -240,10 +261,15 @@ def compare(
 
     changes = {"period": period, "duration": duration, "seed": seed}
     laws = [name.replace("-", "_") for name in controller or CONTROLLERS]
-    for kind, names, known in (("arm", arm or (), arm_names()), ("controller", laws, CONTROLLERS)):
-        for name in names:
-            if name not in known:
-                raise UnknownName(kind, name, known)
+    urdfs = [name for name in arm or () if name not in arm_names()]
+    for name in urdfs:
+        if not Path(name).is_file():
+            raise UnknownName("arm", name, arm_names())
+    if flange is not None and not urdfs:
+        raise OptionError("--flange is for a URDF, and none of the arms is one")
+    for name in laws:
+        if name not in CONTROLLERS:
+            raise UnknownName("controller", name, CONTROLLERS)
     for name in scenario:
         scenario_module(name)
     if jobs == 0:
@@ -253,6 +279,8 @@ def compare(
         arm or [None],
         laws,
         {name: value for name, value in changes.items() if value is not None},
+        _shared(laws, settings or []),
+        flange,
     )
     with console.bar(quiet=as_json) as advance:
         rows = comparison.compare(
@@ -373,6 +401,21 @@ def _options(controller: str, settings: Sequence[str]) -> dict[str, Any]:
     return options
 
 
+def _shared(laws: Sequence[str], settings: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Options of each controller out of NAME=VALUE texts for all of them that know the name."""
+    known = {law: controller_options(law) for law in laws}
+    for setting in settings:
+        name = setting.partition("=")[0]
+        if not any(name in options for options in known.values()):
+            raise UnknownName(
+                f"option of {', '.join(laws)}", name, {x for each in known.values() for x in each}
+            )
+    return {
+        law: _options(law, [text for text in settings if text.partition("=")[0] in options])
+        for law, options in known.items()
+    }
+
+
 def _value(option: str, text: str, kind: type) -> Any:
     if kind is bool:
         if text.lower() not in ("true", "false"):
@@ -382,6 +425,12 @@ def _value(option: str, text: str, kind: type) -> Any:
         return kind(text)
     except ValueError as error:
         raise OptionError(f"--set {option}={text}: it must be a number") from error
+
+
+def _show(file: Path, as_json: bool) -> None:
+    """What is in a run's file."""
+    with RunFile(file) as result:
+        console.print_run(result, as_json, file)
 
 
 def _draw(result: Run, folder: Path, stem: str) -> list[Path]:

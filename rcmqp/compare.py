@@ -16,8 +16,9 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
-from rcmqp.errors import RcmqpError
-from rcmqp.metrics import compute_metrics
+from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.loading import arm_names
+from rcmqp.metrics import against_limit, compute_metrics
 from rcmqp.run import Run, check_writable, make_folder
 from rcmqp.scenario import load_scenario
 from rcmqp.simulate import simulate
@@ -36,6 +37,7 @@ class Case:
         arm: name; None for the scenario's own.
         changes: fields of the scenario to be other than it has them.
         options: of the controller.
+        flange: where the arm is a URDF, the frame that carries the instrument.
     """
 
     scenario: str
@@ -43,6 +45,7 @@ class Case:
     controller: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    flange: str | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Row:
     Attributes:
         limits_kept: whether no joint left its position, speed or acceleration limits.
         safe_stops: cycles that ended in the controller's safe stop.
+        acceleration_ratio_max: NaN, too, on arms without acceleration limits.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
         failure: why there is no run; empty where there is one. Numbers are NaN then.
     """
@@ -107,11 +111,32 @@ def cases(
     arms: Sequence[str | None],
     controllers: Sequence[str],
     changes: Mapping[str, Any] | None = None,
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    flange: str | None = None,
 ) -> list[Case]:
-    """Every combination, scenarios first."""
+    """Every combination, scenarios first; see Case.
+
+    Args:
+        scenarios: names.
+        arms: names, or paths of URDFs; None for the scenario's own.
+        controllers: names.
+        changes: fields of every scenario.
+        options: of each controller that is to have some, by its name.
+        flange: for the arms that are URDFs.
+    """
+    named = (None, *arm_names())
     return [
-        Case(scenario, arm, controller.replace("-", "_"), changes or {})
-        for scenario, arm, controller in itertools.product(scenarios, arms, controllers)
+        Case(
+            scenario,
+            arm,
+            name,
+            changes or {},
+            (options or {}).get(name, {}),
+            None if arm in named else flange,
+        )
+        for scenario, arm, name in itertools.product(
+            scenarios, arms, [controller.replace("-", "_") for controller in controllers]
+        )
     ]
 
 
@@ -140,23 +165,24 @@ def compare(
     folder = make_folder(out)
     check_writable(folder / "comparison.csv")
     rows = []
-    work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(run_case)(case, folder) for case in todo
-    )
-    for row in work:
+    parallel = Parallel(n_jobs=jobs, return_as="generator", batch_size=1)
+    for row in parallel(delayed(run_case)(case, folder) for case in todo):
         rows.append(row)
         if progress is not None:
             progress(1)
     (folder / "comparison.csv").write_text(as_csv(rows), encoding="utf-8")
     (folder / "comparison.md").write_text(f"# Comparison\n\n{as_markdown(rows)}", encoding="utf-8")
-    _draw(rows, folder)
+    figures = _figures(rows)
+    for problem in parallel(delayed(_draw)(folder, *figure) for figure in figures.items()):
+        if problem is not None:
+            raise RunFileError(Path(problem[0]), problem[1])
     return rows
 
 
 def run_case(case: Case, folder: Path) -> Row:
     """Run one case and save the run."""
     try:
-        scenario = load_scenario(case.scenario, case.arm, **case.changes)
+        scenario = load_scenario(case.scenario, case.arm, flange=case.flange, **case.changes)
         insertion = scenario.insertion()
         controller = make_controller(case.controller, insertion, scenario.period, **case.options)
         run = simulate(scenario, controller)
@@ -177,7 +203,7 @@ def row_of(run: Run) -> Row:
         run.controller,
         **{name: value for name, value in found.items() if name in names},
         limits_kept=found["speed_ratio_max"] <= 1.0 + ROUNDING
-        and found["acceleration_ratio_max"] <= 1.0 + ROUNDING
+        and not found["acceleration_ratio_max"] > 1.0 + ROUNDING
         and found["limit_margin_min_rad"] >= -ROUNDING,
         safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
         sparc=sparc(speed, run.period),
@@ -190,16 +216,26 @@ def _stem(run: Run) -> str:
     return f"{run.scenario.name}_{Path(run.scenario.arm).stem}"
 
 
-def _draw(rows: Sequence[Row], folder: Path) -> None:
-    """The errors of all controllers over the same time axis, a figure a scenario and arm."""
+def _figures(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Files of the runs that are in each figure: of one scenario and arm."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if not row.failure:
+            stem = f"{row.scenario}_{Path(row.arm).stem}"
+            found.setdefault(stem, []).append(f"{stem}_{row.controller}.h5")
+    return found
+
+
+def _draw(folder: Path, stem: str, files: Sequence[str]) -> tuple[str, str] | None:
+    """The errors of all controllers over the same time axis; or (file, reason) why not."""
     from rcmqp import plots  # matplotlib takes long to import
 
-    done = [row for row in rows if not row.failure]
-    for scenario, arm in dict.fromkeys((row.scenario, row.arm) for row in done):
-        names = [row.controller for row in done if (row.scenario, row.arm) == (scenario, arm)]
-        stem = f"{scenario}_{Path(arm).stem}"
-        runs = [Run.load(folder / f"{stem}_{name}.h5") for name in names]
+    try:
+        runs = [Run.load(folder / file) for file in files]
         plots.save_figure(plots.error_figure(runs, logarithmic=True), folder / stem)
+    except RunFileError as error:
+        return str(error.path), error.reason
+    return None
 
 
 def as_csv(rows: Iterable[Row]) -> str:
@@ -218,7 +254,10 @@ def as_markdown(rows: Iterable[Row]) -> str:
         f"| {' | '.join(['---'] * 3 + ['---:'] * (len(_TITLES) - 4) + ['---'])} |",
     ]
     for row in rows:
-        lines.append(f"| {' | '.join(_cell(getattr(row, name)) for name in _TITLES)} |")
+        cells = {name: _cell(getattr(row, name)) for name in _TITLES}
+        if not row.failure:
+            cells["acceleration_ratio_max"] = against_limit(row.acceleration_ratio_max, ".4g")
+        lines.append(f"| {' | '.join(cells.values())} |")
     return "\n".join(lines) + "\n"
 
 

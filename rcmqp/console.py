@@ -20,8 +20,9 @@ from rich.table import Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
-from rcmqp.metrics import Metrics, compute_metrics, obstacle_distance
+from rcmqp.metrics import Metrics, compute_metrics
 from rcmqp.run import Run
+from rcmqp.run_file import Recording
 
 WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
 RCM_WARNING_MM = 1.0
@@ -72,13 +73,13 @@ def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     out.print(table)
 
 
-def print_run(result: Run, as_json: bool, file: Path | None) -> None:
+def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
     """What came of a run; what it should not have done, on stderr."""
     metrics = compute_metrics(result)
     if as_json:
         print_json(run_json(result, metrics))
     else:
-        title = f"{result.title}, T = {1e3 * result.period:g} ms"
+        title = f"{result.title}, T = {1e3 * result.head.scenario.period:g} ms"
         out.print(title, markup=False, highlight=False, soft_wrap=True)
         rows = []
         for name, label, unit in _ERRORS:
@@ -89,45 +90,48 @@ def print_run(result: Run, as_json: bool, file: Path | None) -> None:
             out.print(line, highlight=False, markup=False)
         if file is not None:
             out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
-    for warning in warnings(result):
-        err.print(f"[yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
+    for remark in warnings(result, metrics):
+        err.print(f"[yellow]warning:[/] {escape(remark)}", highlight=False, soft_wrap=True)
 
 
-def warnings(run: Run) -> list[str]:
+def warnings(run: Recording, metrics: Metrics) -> list[str]:
     """What a run did that a patient or an arm would not allow, each with where and when."""
-    trocar, mm = run.scenario.trocar, 1e3
+    head = run.head
+    period, trocar = head.scenario.period, head.scenario.trocar
     below, above = trocar.depth_range
-    ratio = np.abs(run.v) / run.velocity_limit
-    outside = np.maximum(run.lower - run.angles, run.angles - run.upper)
     found = []
-    for reason, cycles in run.stops.items():
+    for reason, cycles in head.stops.items():
         found.append(
-            f"the controller stopped safely in {len(cycles)} of {len(run.time)} cycles, first at "
-            f"{run.time[cycles[0]]:.3f} s: {reason}"
+            f"the controller stopped safely in {len(cycles)} of {run.column('time').shape[0]} "
+            f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
         )
-    if ratio.max() > 1.0:
-        found.append(f"{_joint(run, ratio)} was asked for {ratio.max():.3g} times its speed limit")
-    if outside.max() > 0.0:
+    if metrics.speed_ratio_max > 1.0:
+        where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
+        found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
+    if metrics.limit_margin_min_rad < 0.0:
+        where = _where(
+            run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
+        )
         found.append(
-            f"{_joint(run, outside)} left its position limits by {outside.max():.3g} rad; start "
+            f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} rad; start "
             "elsewhere, or try --set objective=joint_centring or --set K_c=0"
         )
-    if mm * run.rcm_error.max() > RCM_WARNING_MM:
-        found.append(f"the RCM error reached {mm * run.rcm_error.max():.3g} mm")
-    if run.depth.min() < below or run.depth.max() > above:
+    if metrics.rcm_max_mm > RCM_WARNING_MM:
+        found.append(f"the RCM error reached {metrics.rcm_max_mm:.3g} mm")
+    if metrics.depth_min_mm < 1e3 * below or metrics.depth_max_mm > 1e3 * above:
         found.append(
-            f"the tip went from {mm * run.depth.min():.1f} to {mm * run.depth.max():.1f} mm, the "
-            f"trocar allows {mm * below:.1f} to {mm * above:.1f} mm"
+            f"the tip went from {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm, the "
+            f"trocar allows {1e3 * below:.1f} to {1e3 * above:.1f} mm"
         )
-    if run.tilt.max() > trocar.cone_half_angle:
+    if 1e-3 * metrics.tilt_max_mrad > trocar.cone_half_angle:
         found.append(
-            f"the shaft tilted by {math.degrees(run.tilt.max()):.1f} deg, the cone allows "
-            f"{math.degrees(trocar.cone_half_angle):.1f} deg"
+            f"the shaft tilted by {math.degrees(1e-3 * metrics.tilt_max_mrad):.1f} deg, the cone "
+            f"allows {math.degrees(trocar.cone_half_angle):.1f} deg"
         )
-    inside = -mm * obstacle_distance(run).min()
+    inside = -metrics.obstacle_distance_min_mm
     if inside > OBSTACLE_WARNING_MM:
         found.append(f"the instrument went {inside:.3g} mm into an obstacle")
-    gain = float(run.options.get("gain", 0.0)) * run.period
+    gain = float(head.options.get("gain", 0.0)) * period
     if gain > 1.0:
         found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")
     return found
@@ -169,20 +173,21 @@ def print_arm(arm: Arm) -> None:
     out.print("In rad, rad/s, rad/s^2 (m for prismatic joints); inf: no limit given.", style="dim")
 
 
-def run_json(result: Run, metrics: Metrics) -> dict[str, Any]:
+def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
     """What rcmqp run --json prints."""
+    head = result.head
     return {
-        "scenario": result.scenario.name,
-        "arm": result.scenario.arm,
-        "controller": result.controller,
-        "options": dict(result.options),
-        "period": result.period,
-        "duration": result.scenario.duration,
-        "seed": result.scenario.seed,
+        "scenario": head.scenario.name,
+        "arm": head.scenario.arm,
+        "controller": head.controller,
+        "options": dict(head.options),
+        "period": head.scenario.period,
+        "duration": head.scenario.duration,
+        "seed": head.scenario.seed,
         "digest": result.digest,
-        "versions": dict(result.versions),
+        "versions": dict(head.versions),
         "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
-        "warnings": warnings(result),
+        "warnings": warnings(result, metrics),
     }
 
 
@@ -217,10 +222,16 @@ def _summary(metrics: Metrics) -> Sequence[str]:
     )
 
 
-def _joint(run: Run, excess: Array) -> str:
-    """Name of the joint (n, nv) that exceeds most, and when."""
-    row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    return f"{run.joints[column]} at {run.time[row]:.3f} s"
+def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:
+    """Name of the joint whose excess (n, nv) is largest, and when that is."""
+    worst, where = -math.inf, ""
+    for part in run.parts():
+        excess = excess_of(part)
+        row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        if excess[row, column] > worst:
+            worst = excess[row, column]
+            where = f"{part.joints[column]} at {part.time[row]:.3f} s"
+    return where
 
 
 def _finite(value: float) -> float | None:

@@ -9,8 +9,11 @@ import numpy as np
 from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
-from rcmqp.insertion import Insertion, insertion_depth, rcm_error, tilt
+from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
+
+_OBSERVED = ("tip_error", "effector_error", "orientation_error", "rcm_error", "depth", "tilt")
+"""Columns of what _kernel.observed() sees."""
 
 
 class Derived:
@@ -42,7 +45,8 @@ class Derived:
         pivot = scenario.pivots(cycles)
         x = self._continuous(rows["x"])
         x_d = dq.align_sign(rows["x_d"], x)
-        tip, tip_d = insertion.tip(x), insertion.tip(x_d)
+        axis = np.array(scenario.trocar.axis)
+        tip, tip_d, seen = _kernel.observed(x, x_d, pivot, axis, insertion.tip_depth)
         return {
             "time": T * np.arange(cycles.start, cycles.stop, dtype=float),
             "pivot": pivot,
@@ -50,12 +54,7 @@ class Derived:
             "x_d": x_d,
             "tip": tip,
             "tip_d": tip_d,
-            "tip_error": np.linalg.norm(tip - tip_d, axis=-1),
-            "effector_error": np.linalg.norm(dq.translation(x) - dq.translation(x_d), axis=-1),
-            "orientation_error": dq.angle_between(x, x_d),
-            "rcm_error": rcm_error(x, pivot),
-            "depth": insertion_depth(x, pivot, insertion.tip_depth),
-            "tilt": tilt(x, np.array(scenario.trocar.axis)),
+            **dict(zip(_OBSERVED, seen.T.copy(), strict=True)),
             "singular_value": _kernel.least_singular_values(rows["J"]),
         }
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
+from rcmqp.extent import Extent, percentile
 from rcmqp.run import Run
+from rcmqp.run_file import Recording
 from rcmqp.scene import clearance
 
 SATURATED = 1.0 - 1e-6
@@ -29,7 +33,7 @@ class Metrics:
         tilt_max_mrad: largest angle of the shaft from the trocar's axis.
         speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
         acceleration_ratio_max: largest change of a commanded joint speed from one cycle to the
-            next, from rest at first, over the period and the limit; likewise. 0 on arms without
+            next, from rest at first, over the period and the limit; likewise. NaN on arms without
             acceleration limits.
         saturated_share: of the cycles, those in which a joint is commanded at its limit of speed
             or of acceleration, or above.
@@ -66,33 +70,60 @@ class Metrics:
     solve_time_p99_us: float
 
 
-def compute_metrics(run: Run) -> Metrics:
-    """Sum up a run."""
-    tip, effector, rcm = 1e3 * run.tip_error, 1e3 * run.effector_error, 1e3 * run.rcm_error
-    margin = np.minimum(run.angles - run.lower, run.upper - run.angles)
-    speed_ratio = np.abs(run.v / run.velocity_limit).max(axis=-1)
-    acceleration = np.abs(np.diff(run.v, axis=0, prepend=0.0)) / run.period
-    acceleration_ratio = (acceleration / run.acceleration_limit).max(axis=-1)
-    tip_velocity = np.diff(run.tip_d, axis=0) / run.period
+def compute_metrics(run: Recording) -> Metrics:
+    """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
+    found: defaultdict[str, Extent] = defaultdict(Extent)
+    before: Run | None = None
+    for part in run.parts():
+        for name, channel in _measures(part, before).items():
+            found[name].add(channel)
+        before = part
+    has_limit = np.isfinite(part.acceleration_limit).any()
     values = {
-        **_summary("tip", "mm", tip),
-        **_summary("effector", "mm", effector),
-        **_summary("rcm", "mm", rcm),
-        **_summary("orientation", "mrad", 1e3 * run.orientation_error),
-        "depth_min_mm": 1e3 * run.depth.min(),
-        "depth_max_mm": 1e3 * run.depth.max(),
-        "tilt_max_mrad": 1e3 * run.tilt.max(),
-        "speed_ratio_max": speed_ratio.max(),
-        "acceleration_ratio_max": acceleration_ratio.max(),
-        "saturated_share": np.mean(np.maximum(speed_ratio, acceleration_ratio) >= SATURATED),
-        "limit_margin_min_rad": margin.min(),
-        "obstacle_distance_min_mm": 1e3 * obstacle_distance(run).min(),
-        "singular_value_min": run.singular_value.min(),
-        "tip_speed_rms_mm_s": 1e3 * _rms(np.linalg.norm(tip_velocity, axis=-1)),
-        "solve_time_median_us": 1e6 * np.median(run.solve_time),
-        "solve_time_p99_us": 1e6 * np.percentile(run.solve_time, 99),
+        **_summary(run, "tip", "mm", found),
+        **_summary(run, "effector", "mm", found),
+        **_summary(run, "rcm", "mm", found),
+        **_summary(run, "orientation", "mrad", found),
+        "depth_min_mm": 1e3 * found["depth"].low,
+        "depth_max_mm": 1e3 * found["depth"].high,
+        "tilt_max_mrad": 1e3 * found["tilt"].high,
+        "speed_ratio_max": found["speed_ratio"].high,
+        "acceleration_ratio_max": found["acceleration_ratio"].high if has_limit else np.nan,
+        "saturated_share": found["saturated"].mean_square,
+        "limit_margin_min_rad": found["margin"].low,
+        "obstacle_distance_min_mm": 1e3 * found["obstacle"].low,
+        "singular_value_min": found["singular_value"].low,
+        "tip_speed_rms_mm_s": 1e3 * found["tip_speed"].rms,
+        "solve_time_median_us": 1e6 * percentile(run.column("solve_time"), 50),
+        "solve_time_p99_us": 1e6 * percentile(run.column("solve_time"), 99),
     }
     return Metrics(**{name: float(value) for name, value in values.items()})
+
+
+def _measures(part: Run, before: Run | None) -> dict[str, Array]:
+    """What is summed up of a part of a run; the part before it is None at the start, at rest."""
+    v = np.zeros_like(part.v[:1]) if before is None else before.v[-1:]
+    tip_d = part.tip_d[:0] if before is None else before.tip_d[-1:]
+    speed_ratio = np.abs(part.v / part.velocity_limit).max(axis=-1)
+    acceleration = np.abs(np.diff(part.v, axis=0, prepend=v)) / part.period
+    acceleration_ratio = (acceleration / part.acceleration_limit).max(axis=-1)
+    tip_velocity = np.diff(np.concatenate([tip_d, part.tip_d]), axis=0) / part.period
+    errors = ("tip", "effector", "rcm", "orientation")
+    return {
+        **{name: getattr(part, f"{name}_error") for name in errors},
+        **{name: getattr(part, name) for name in ("depth", "tilt", "singular_value")},
+        "speed_ratio": speed_ratio,
+        "acceleration_ratio": acceleration_ratio,
+        "saturated": np.maximum(speed_ratio, acceleration_ratio) >= SATURATED,
+        "margin": np.minimum(part.angles - part.lower, part.upper - part.angles),
+        "obstacle": obstacle_distance(part),
+        "tip_speed": np.linalg.norm(tip_velocity, axis=-1),
+    }
+
+
+def against_limit(ratio: float, style: str = ".3g") -> str:
+    """A ratio to a limit, for people: "no limit" where there is none and the ratio is NaN."""
+    return "no limit" if np.isnan(ratio) else format(ratio, style)
 
 
 def obstacle_distance(run: Run) -> Array:
@@ -101,13 +132,12 @@ def obstacle_distance(run: Run) -> Array:
     return clearance(run.scenario.obstacles, run.scenario.instrument, run.tip, shaft)
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _summary(name: str, unit: str, values: Array) -> dict[str, float]:
+def _summary(
+    run: Recording, name: str, unit: str, found: Mapping[str, Extent]
+) -> dict[str, float]:
+    """rms, largest and 95th percentile of an error, in a thousandth of its unit."""
     return {
-        f"{name}_rms_{unit}": _rms(values),
-        f"{name}_max_{unit}": values.max(),
-        f"{name}_p95_{unit}": np.percentile(values, 95),
+        f"{name}_rms_{unit}": 1e3 * found[name].rms,
+        f"{name}_max_{unit}": 1e3 * found[name].high,
+        f"{name}_p95_{unit}": 1e3 * percentile(run.column(f"{name}_error"), 95),
     }

@@ -16,7 +16,7 @@ from rcmqp import plots
 from rcmqp.controllers import make_controller
 from rcmqp.errors import ToolMissing
 from rcmqp.loading import arm_title
-from rcmqp.metrics import Metrics, compute_metrics
+from rcmqp.metrics import Metrics, against_limit, compute_metrics
 from rcmqp.report.build import INDEX, NUMBERS, TEXT, write_report
 from rcmqp.report.document import Picture, Screenshot, Section
 from rcmqp.run import Run, check_writable, make_folder
@@ -196,7 +196,7 @@ def versus_table(runs: Sequence[Run]) -> str:
     ]
     metrics = [compute_metrics(run) for run in runs]
     for label, name, style in _VERSUS_ROWS:
-        cells = [format(getattr(found, name), style) for found in metrics]
+        cells = [against_limit(getattr(found, name), style) for found in metrics]
         lines.append(f"| {' | '.join([label, *cells])} |")
     return "\n".join(lines) + "\n"
 

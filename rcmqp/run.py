@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import ArmError, RcmqpError, RunFileError
-from rcmqp.head import CHECKED, FORMAT, FORMAT_VERSION, Head, about
+from rcmqp.errors import ArmError, OptionError, RcmqpError, RunFileError
+from rcmqp.head import CHECKED, FORMAT, FORMAT_VERSION, Head, Rows, about
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
 
@@ -22,6 +23,11 @@ if TYPE_CHECKING:
     import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
+PART = 4096
+"""Rows of a part of a run: some four seconds at 1 kHz, four megabytes."""
+
+FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit")
+"""Channels that are the arm's, without a row for each cycle."""
 
 
 def _channel(unit: str, meaning: str) -> Any:
@@ -85,6 +91,49 @@ class Run:
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 
+    @classmethod
+    def joined(cls, parts: Iterable[Run], cycles: int) -> Run:
+        """The run that parts make, one after the other, ``cycles`` in all at most.
+
+        Raises:
+            OptionError: there is no part.
+        """
+        rows: dict[str, Array] = {}
+        diagnostics: dict[str, Array] = {}
+        stops: dict[str, list[int]] = {}
+        first, n = None, 0
+        for part in parts:
+            first = first or part
+            now = slice(n, n + len(part.time))
+            for name, values in part.rows().items():
+                if name not in rows:
+                    rows[name] = np.empty((cycles, *values.shape[1:]))
+                rows[name][now] = values
+            for name, values in part.diagnostics.items():
+                if name not in diagnostics:
+                    diagnostics[name] = np.full(cycles, np.nan)
+                diagnostics[name][now] = values
+            for reason, found in part.stops.items():
+                stops.setdefault(reason, []).extend(n + k for k in found)
+            n = now.stop
+        if first is None:
+            raise OptionError("a run without a cycle; the path ended before it began")
+        return first.with_rows(
+            {name: values[:n] for name, values in rows.items()},
+            {name: values[:n] for name, values in diagnostics.items()},
+            stops,
+        )
+
+    def with_rows(
+        self,
+        rows: Mapping[str, Array],
+        diagnostics: Mapping[str, Array],
+        stops: Mapping[str, Sequence[int]],
+    ) -> Run:
+        """The same run of other cycles: what rows() and so on are to be."""
+        channels: dict[str, Any] = dict(rows)
+        return dataclasses.replace(self, **channels, diagnostics=diagnostics, stops=stops)
+
     @property
     def period(self) -> float:
         """Sampling period T [s]."""
@@ -103,10 +152,11 @@ class Run:
         """
         arrays = {**self.arrays(), **self.diagnostics}
         del arrays["solve_time"]
-        return self._head.digest(arrays, block=max(1, len(self.time)))
+        return self.head.digest(arrays, block=max(1, len(self.time)))
 
     @property
-    def _head(self) -> Head:
+    def head(self) -> Head:
+        """What does not change from cycle to cycle."""
         return Head(
             self.scenario,
             self.controller,
@@ -147,6 +197,24 @@ class Run:
         """The arrays with a unit, by name."""
         return {item.name: getattr(self, item.name) for item in channels()}
 
+    def rows(self) -> dict[str, Array]:
+        """The arrays (n, ...) with a row for each cycle, by name."""
+        return {name: array for name, array in self.arrays().items() if name not in FIXED}
+
+    def parts(self, size: int = PART) -> Iterator[Run]:
+        """The run, ``size`` rows at a time; the last part may be shorter."""
+        for first in range(0, len(self.time), size):
+            rows = slice(first, first + size)
+            yield self.with_rows(
+                {name: array[rows] for name, array in self.rows().items()},
+                {name: array[rows] for name, array in self.diagnostics.items()},
+                within(self.stops, rows),
+            )
+
+    def column(self, name: str) -> Rows:
+        """A channel with a row for each cycle."""
+        return self.rows()[name]
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one HDF5 file; there is a whole file afterwards or none.
 
@@ -168,7 +236,7 @@ class Run:
             part.unlink(missing_ok=True)
 
     def _write(self, file: h5py.File) -> None:
-        self._head.write(file, self.digest)
+        self.head.write(file, self.digest)
         for item in channels():
             dataset = file.create_dataset(item.name, data=getattr(self, item.name), **CHECKED)
             dataset.attrs.update(item.metadata)
@@ -179,46 +247,20 @@ class Run:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Run:
-        """Read what save() wrote.
+        """Read what save() wrote, all of it; RunFile reads a part at a time.
 
         Raises:
             RunFileError: the file is missing, damaged, of another format or a later version.
         """
-        import h5py  # only files need it, and it takes long to import
-
-        path = Path(path)
-        if not path.is_file():
-            reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
-            raise RunFileError(path, reason)
-        try:
-            with path.open("rb") as stream:
-                if stream.read(len(SIGNATURE)) != SIGNATURE:
-                    raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
-            with h5py.File(path, "r") as file:
-                return cls._read(path, file)
-        except RunFileError:
-            raise
-        except (
-            RcmqpError,
-            OSError,
-            AttributeError,
-            KeyError,
-            ValueError,
-            TypeError,
-            RuntimeError,
-        ) as error:
-            raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
+        with opened(path) as file:
+            run = cls.read(file, slice(None))
+            check_digest(file, run.digest)
+            return run
 
     @classmethod
-    def _read(cls, path: Path, file: h5py.File) -> Run:
-        if file.attrs.get("format") != FORMAT:
-            raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
-        version = int(file.attrs["format_version"])
-        if version != FORMAT_VERSION:
-            raise RunFileError(
-                path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
-            )
-        run = cls(
+    def read(cls, file: h5py.File, rows: slice) -> Run:
+        """The part of a run in an open file that these rows are; its stops are all of them."""
+        return cls(
             scenario=Scenario.from_json(file.attrs["scenario"]),
             controller=file.attrs["controller"],
             options=json.loads(file.attrs["options"]),
@@ -226,16 +268,75 @@ class Run:
             joints=tuple(json.loads(file.attrs["joints"])),
             urdf_sha256=file.attrs["urdf_sha256"],
             stops=json.loads(file["stops"][()]) if "stops" in file else {},
-            diagnostics={name: data[()] for name, data in file["diagnostics"].items()},
+            diagnostics={name: data[rows] for name, data in file["diagnostics"].items()},
             about_diagnostics={
                 name: (data.attrs["unit"], data.attrs["meaning"])
                 for name, data in file["diagnostics"].items()
             },
-            **{item.name: file[item.name][()] for item in channels()},
+            **{
+                item.name: file[item.name][() if item.name in FIXED else rows]
+                for item in channels()
+            },
         )
-        if run.digest != file.attrs["digest"]:
-            raise RunFileError(path, "damaged: its numbers do not fit its digest")
-        return run
+
+
+@contextlib.contextmanager
+def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """A run's file, open for reading; what goes wrong inside is said of the file.
+
+    Raises:
+        RunFileError: the file is missing, damaged, of another format or a later version.
+    """
+    import h5py  # only files need it, and it takes long to import
+
+    path = Path(path)
+    if not path.is_file():
+        reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
+        raise RunFileError(path, reason)
+    try:
+        with path.open("rb") as stream:
+            if stream.read(len(SIGNATURE)) != SIGNATURE:
+                raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
+        with h5py.File(path, "r", rdcc_nbytes=0) as file:  # a chunk is read when it is asked for
+            if file.attrs.get("format") != FORMAT:
+                raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
+            version = int(file.attrs["format_version"])
+            if version != FORMAT_VERSION:
+                raise RunFileError(
+                    path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
+                )
+            yield file
+    except RunFileError:
+        raise
+    except (
+        RcmqpError,
+        OSError,
+        AttributeError,
+        KeyError,
+        ValueError,
+        TypeError,
+        RuntimeError,
+    ) as error:
+        raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
+
+
+def check_digest(file: h5py.File, digest: str) -> None:
+    """Check what was read.
+
+    Raises:
+        RunFileError: the file says another digest.
+    """
+    if digest != file.attrs["digest"]:
+        raise RunFileError(Path(file.filename), "damaged: its numbers do not fit its digest")
+
+
+def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[int]]:
+    """Of a run's stops those in some rows, counted from the first of them."""
+    found = {
+        reason: [k - rows.start for k in cycles if rows.start <= k < rows.stop]
+        for reason, cycles in stops.items()
+    }
+    return {reason: cycles for reason, cycles in found.items() if cycles}
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:

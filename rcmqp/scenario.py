@@ -10,7 +10,7 @@ import json
 import math
 import pkgutil
 from collections import ChainMap
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from types import ModuleType
@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InsertionError, OptionError, RcmqpError, UnknownName
@@ -27,10 +28,10 @@ from rcmqp.instrument import Camera, Instrument, Trocar
 from rcmqp.loading import arm_names, load_arm
 from rcmqp.motions import MOTIONS, Motion, Still
 from rcmqp.operators import STEERED, Steered
-from rcmqp.paths import PATHS, Path
+from rcmqp.paths import PATHS, Path, views_of
 from rcmqp.planner import Planner
 from rcmqp.plants import PLANTS, Kinematic, Plant
-from rcmqp.reference import Reference, ViewCommand, carried, view_pose
+from rcmqp.reference import Reference, carried, view_pose
 from rcmqp.scene import Sphere
 
 DEFAULT_ARM = "lwa3"
@@ -39,6 +40,9 @@ PIVOT_VELOCITIES = ("measured", "estimated", "unknown")
 
 MOST_CYCLES = 10_000_000
 """Sampling instants that a run may have; each takes about a kilobyte."""
+
+BLOCK = 512
+"""Sampling instants that are prepared, and put away, at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,8 +216,7 @@ class Scenario:
     def pivots(self, cycles: range | None = None) -> Array:
         """Where the trocar is (n, 3) at n sampling instants, or at all, in the world [m]."""
         cycles = range(self.cycles) if cycles is None else cycles
-        offsets = [self.motion.position(k * self.period) for k in cycles]
-        return np.array(self.trocar.pivot) + np.array(offsets)
+        return np.array(self.trocar.pivot) + self._offsets(cycles)
 
     def references(self, insertion: Insertion) -> Generator[Reference, ArmState | None]:
         """What the controller is told, one sampling instant after the other.
@@ -226,34 +229,57 @@ class Scenario:
         Raises:
             InsertionError: a view is deeper than the shaft is long.
         """
-        planner, T = self.planner(insertion.x_rcm), self.period
-        ask, x = self._asking(insertion), insertion.x_rcm
-        before = self.motion.position(0.0)
-        for k in range(self.cycles):
-            t, offset = k * T, self.motion.position(k * T)
-            if self.pivot_velocity == "measured":
-                pivot_dot = self.motion.velocity(t)
-            elif self.pivot_velocity == "estimated":
-                pivot_dot = (offset - before) / T
-            else:
-                pivot_dot = np.zeros(3)
-            before = offset
-            command = ask(t, x)
-            if command is None:
-                return
-            _check_reach(insertion, command, t)
-            reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
-            if planner is not None:
-                reference = planner.step(reference)
-            state = yield reference
-            x = reference.x_d if state is None else state.x
+        planner = self.planner(insertion.x_rcm)
+        if isinstance(self.path, Steered):
+            yield from self._steered(self.path, insertion, planner)
+            return
+        for reference in self._drawn(self.path, insertion):
+            yield reference if planner is None else planner.step(reference)
 
-    def _asking(self, insertion: Insertion) -> Callable[[float, Array], ViewCommand | None]:
-        """The view asked for at a time [s], the effector's last pose being (8,)."""
-        path = self.path
-        if isinstance(path, Steered):
-            return path.start(insertion, self.period, self.seed).command
-        return lambda t, x: path.command(t, insertion.tip_depth)
+    def _steered(
+        self, path: Steered, insertion: Insertion, planner: Planner | None
+    ) -> Generator[Reference, ArmState | None]:
+        """The references of a path that is steered by what came of the last one."""
+        ask, x = path.start(insertion, self.period, self.seed).command, insertion.x_rcm
+        for cycles in blocks(self.cycles):
+            for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
+                t = k * self.period
+                command = ask(t, x)
+                if command is None:
+                    return
+                _check_reach(insertion, t, command.t_z)
+                reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
+                if planner is not None:
+                    reference = planner.step(reference)
+                state = yield reference
+                x = reference.x_d if state is None else state.x
+
+    def _drawn(self, path: Path, insertion: Insertion) -> Iterator[Reference]:
+        """The references of any other path, made a block at a time."""
+        for cycles in blocks(self.cycles):
+            times = self.period * np.arange(cycles.start, cycles.stop, dtype=float)
+            views = views_of(path, times, insertion.tip_depth)
+            deepest = int(np.argmax(views[:, 3]))
+            _check_reach(insertion, times[deepest], views[deepest, 3])
+            offsets, pivot_dots = self._trocar(cycles)
+            made = _kernel.view_poses(insertion.x_rcm, views, offsets, pivot_dots)
+            yield from map(Reference, *made, pivot_dots)
+
+    def _trocar(self, cycles: range) -> tuple[Array, Array]:
+        """The trocar's offsets (n, 3) [m], and what is told of its velocity (n, 3) [m/s]."""
+        offsets = self._offsets(cycles)
+        if self.pivot_velocity == "unknown" or isinstance(self.motion, Still):
+            return offsets, np.zeros_like(offsets)
+        if self.pivot_velocity == "measured":
+            return offsets, np.array([self.motion.velocity(k * self.period) for k in cycles])
+        before = self._offsets(range(max(cycles.start - 1, 0), cycles.start or 1))
+        return offsets, np.diff(np.concatenate([before, offsets]), axis=0) / self.period
+
+    def _offsets(self, cycles: range) -> Array:
+        """Where the trocar is (n, 3) from where it was at first [m]."""
+        if isinstance(self.motion, Still):
+            return np.zeros((len(cycles), 3))
+        return np.array([self.motion.position(k * self.period) for k in cycles])
 
     def to_json(self) -> str:
         """The scenario as JSON; from_json() makes an equal one of it."""
@@ -309,8 +335,14 @@ def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
     return _KINDS[name][kind](**options)
 
 
-def _check_reach(insertion: Insertion, command: ViewCommand, t: float) -> None:
-    depth, length = insertion.tip_depth + command.t_z, insertion.instrument.length
+def blocks(cycles: int) -> Iterator[range]:
+    """All cycles, BLOCK at a time."""
+    for first in range(0, cycles, BLOCK):
+        yield range(first, min(first + BLOCK, cycles))
+
+
+def _check_reach(insertion: Insertion, t: float, t_z: float) -> None:
+    depth, length = insertion.tip_depth + t_z, insertion.instrument.length
     if depth > length:
         raise InsertionError(
             f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the shaft "

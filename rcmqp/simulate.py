@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from rcmqp._kernel import all_finite
-from rcmqp.arm import ArmState
-from rcmqp.controllers.base import SAFE_STOP, Command, Controller
-from rcmqp.derived import Derived
+from rcmqp.controllers.base import Command, Controller
+from rcmqp.cycles import Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.reference import Reference
-from rcmqp.run import Run
+from rcmqp.qp import InvalidProblem
+from rcmqp.recorder import Recorder
+from rcmqp.run import PART, Run
 from rcmqp.scenario import Scenario
 
 PACKAGES = ("rcmqp", "pin", "numpy", "h5py", "example-robot-data", "proxsuite", "qpsolvers")
@@ -42,88 +43,90 @@ def simulate(
 
     Raises:
         OptionError: the controller was made for another period or another insertion.
+        InvalidProblem: a task or a limit of its is of a wrong shape.
         RcmqpError: whatever the path or the controller refuses.
     """
-    insertion, T, n = controller.insertion, scenario.period, scenario.cycles
-    _check_made_for(scenario, controller)
-    arm, nv = insertion.arm, insertion.arm.nv
-    q, q_measured = np.empty((2, n, arm.nq))
-    angles, v, v_actual, v_measured = np.empty((4, n, arm.nv))
-    x, x_d = np.empty((2, n, 8))
-    J, solve_time = np.empty((n, 6, arm.nv)), np.empty(n)
-    diagnostics: dict[str, Array] = {}
-    stops: dict[str, list[int]] = {}
+    return Run.joined(parts(scenario, controller, progress), scenario.cycles)
 
+
+def record(
+    scenario: Scenario,
+    controller: Controller,
+    path: str | os.PathLike[str],
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """What simulate() does, its run streamed to a file, in the memory of one part of it.
+
+    The file is what Run.save() would write; an earlier one is kept until it is there. RunFile
+    looks at it in as little memory.
+
+    Args:
+        scenario: what to do.
+        controller: made for the same scenario.
+        path: of the file.
+        progress: see simulate().
+
+    Raises:
+        RunFileError: the file cannot be written.
+        RcmqpError: as simulate() does.
+    """
+    with Recorder(path, scenario, controller, versions()) as recorder:
+        for part in parts(scenario, controller, progress):
+            recorder.write(part)
+
+
+def parts(
+    scenario: Scenario,
+    controller: Controller,
+    progress: Callable[[int], None] | None = None,
+    size: int = PART,
+) -> Iterator[Run]:
+    """The run of simulate() while it goes on: parts of ``size`` cycles, the last one shorter."""
+    _check_made_for(scenario, controller)
+    insertion, T = controller.insertion, scenario.period
+    arm, clock = insertion.arm, time.perf_counter
+    cycles = Cycles(scenario, controller, versions(), size)
     controller.reset()
     drive = scenario.plant.start(arm, insertion.q_start, T, scenario.seed)
-    command = drive.v
-    source, seen = scenario.references(insertion), None
-    for k in range(n):
-        reference = _next(source, seen)
-        if reference is None:
-            n = k
+    command, seen = drive.v, None
+    ask = scenario.references(insertion).send
+    for k in range(scenario.cycles):
+        try:
+            reference = ask(seen)
+        except StopIteration:
             break
+        q, v = drive.q, drive.v
         q_seen, v_seen = drive.measure()
         state = seen = arm.state(q_seen, command)
-        if q_seen is not drive.q:
-            state = arm.state(drive.q, drive.v)
-        v_actual[k] = drive.v
-        start = time.perf_counter()
+        if q_seen is not q:
+            state = arm.state(q, v)
+        start = clock()
         answer = controller.step(seen, reference)
-        solve_time[k] = time.perf_counter() - start
-        _check_answer(answer, controller.name, nv, k * T)
-        drive.step(answer.v)
-        command = answer.v
-
-        q[k], x[k], x_d[k], v[k] = state.q, state.x, reference.x_d, answer.v
-        q_measured[k], v_measured[k] = seen.q, v_seen
-        angles[k], J[k] = state.angles, state.J_local
-        for name, value in answer.diagnostics.items():
-            if name not in diagnostics:
-                diagnostics[name] = np.full(n, np.nan)
-            diagnostics[name][k] = value
-        if answer.stop:
-            stops.setdefault(answer.stop, []).append(k)
-        if progress is not None and (k % 100 == 99 or k == n - 1):
+        solve_time = clock() - start
+        command = _checked(answer, controller.name, arm.nv, k * T)
+        if k == 0:
+            _check_possible(answer)
+        drive.step(command)
+        cycles.add(
+            solve_time,
+            answer.diagnostics,
+            answer.stop,
+            state.q,
+            seen.q,
+            state.angles,
+            command,
+            v,
+            v_seen,
+            state.x,
+            reference.x_d,
+            state.J_local,
+        )
+        if progress is not None and (k % 100 == 99 or k == scenario.cycles - 1):
             progress(k % 100 + 1)
-
-    q, q_measured, v, v_actual, v_measured = (
-        array[:n] for array in (q, q_measured, v, v_actual, v_measured)
-    )
-    derived = Derived(scenario, insertion).of({"x": x[:n], "x_d": x_d[:n], "J": J[:n]})
-    return Run(
-        scenario=scenario,
-        controller=controller.name,
-        options=controller.options,
-        versions=versions(),
-        joints=arm.joints,
-        lower=arm.lower,
-        upper=arm.upper,
-        velocity_limit=arm.velocity,
-        acceleration_limit=arm.acceleration,
-        q=q,
-        q_measured=q_measured,
-        angles=angles[:n],
-        v=v,
-        v_actual=v_actual,
-        v_measured=v_measured,
-        **derived,
-        solve_time=solve_time[:n],
-        diagnostics={name: values[:n] for name, values in diagnostics.items()},
-        about_diagnostics={**SAFE_STOP, **controller.diagnostics},
-        stops=stops,
-        urdf_sha256=arm.sha256,
-    )
-
-
-def _next(
-    source: Generator[Reference, ArmState | None], seen: ArmState | None
-) -> Reference | None:
-    """The next reference, given what was measured at the last one; None at the end."""
-    try:
-        return source.send(seen)
-    except StopIteration:
-        return None
+        if len(cycles) == cycles.size:
+            yield cycles.part()
+    if len(cycles):
+        yield cycles.part()
 
 
 def versions() -> dict[str, str]:
@@ -132,13 +135,32 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **found}
 
 
-def _check_answer(answer: Command, name: str, nv: int, t: float) -> None:
-    v = np.asarray(getattr(answer, "v", None))
-    if v.shape != (nv,) or v.dtype.kind != "f" or not all_finite(v):
+def _checked(answer: Command, name: str, nv: int, t: float) -> Array:
+    """The velocity (nv,) of an answer.
+
+    Raises:
+        InvalidCommand: it is not a Command with nv finite numbers.
+    """
+    v = getattr(answer, "v", None)
+    if not (
+        isinstance(v, np.ndarray) and v.shape == (nv,) and v.dtype.kind == "f" and all_finite(v)
+    ):
         raise InvalidCommand(
             f"controller {name!r} answered {answer} at t = {t:.6g} s; it must be a Command with "
             f"{nv} finite joint velocities"
         )
+    return np.ascontiguousarray(v, dtype=float)
+
+
+def _check_possible(first: Command) -> None:
+    """Refuse a controller whose tasks or limits are of wrong shape: that does not get better.
+
+    Raises:
+        InvalidProblem: with the reason of the first cycle's safe stop.
+    """
+    kind, _, reason = first.stop.partition(": ")
+    if kind == InvalidProblem.__name__:
+        raise InvalidProblem(f"the controller cannot make a single step: {reason}")
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+
+import joblib
 import pytest
 
 from rcmqp import Arm, arm_names, load_arm
@@ -15,3 +19,18 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 def lwa3() -> Arm:
     """A spherical-revolute-spherical arm whose numbers are known in closed form."""
     return load_arm("lwa3")
+
+
+@pytest.fixture
+def dask() -> Iterator[None]:
+    """Joblib's work goes to a Dask cluster of two workers on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Dask's own
+        options = {"n_workers": 2, "threads_per_worker": 1, "processes": False}
+        with (
+            distributed.LocalCluster(**options, dashboard_address=None) as cluster,
+            distributed.Client(cluster),
+            joblib.parallel_config("dask"),
+        ):
+            yield

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+SIMULATION = Path(__file__).parent.parent / "benchmarks" / "simulation.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
 CASES = ("dual_quaternion", "RCM > tip > posture", "pose > posture")
 
@@ -41,3 +42,15 @@ def test_a_short_benchmark_follows_the_circle_and_names_a_peer_that_cannot_be_ha
     for case in CASES:
         assert any(f"| rcmqp | {case} |" in row for row in rows)
     assert any("| mink |" in row and "not installed" in row for row in rows)
+
+
+def test_what_simulate_adds_is_a_row_for_each_law() -> None:
+    done = subprocess.run(
+        [sys.executable, SIMULATION, "--duration", "0.05", "--rounds", "1"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["dual_quaternion", "hierarchical_qp"]
+    assert all(len(row) == 4 and float(row[1]) > 0.0 for row in rows)

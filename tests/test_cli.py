@@ -65,6 +65,7 @@ def test_run_prints_one_json_object_with_the_promised_names(call: Call) -> None:
     assert set(found["versions"]) >= {"rcmqp", "pin", "numpy"}
     assert set(found["metrics"]) >= PROMISED_METRICS
     assert found["metrics"].pop("obstacle_distance_min_mm") is None  # there is no obstacle
+    assert found["metrics"].pop("acceleration_ratio_max") is None  # the Meka has no such limits
     assert all(isinstance(value, float) for value in found["metrics"].values())
 
 
@@ -286,6 +287,9 @@ def test_python_dash_m_is_the_command_line() -> None:
         (("-a", "nosuch"), "unknown arm 'nosuch'"),
         (("-a", "panda", "-c", "foo"), "unknown controller 'foo'"),
         (("-a", "panda", "--jobs", "0"), "--jobs 0"),
+        (("-a", "panda", "--flange", "tool0"), "--flange is for a URDF"),
+        (("-a", "panda", "-c", "damped", "--set", "backend=daqp"), "option of damped 'backend'"),
+        (("-a", "panda", "--set", "feed_forward"), "write NAME=VALUE"),
     ],
 )
 def test_compare_checks_names_before_anything_is_written(

@@ -8,13 +8,16 @@ import json
 import math
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import Run
+from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
-from rcmqp.compare import TIMES, Row, as_markdown, cases, compare
+from rcmqp.compare import TIMES, Row, as_markdown, cases, compare, row_of
+from rcmqp.controllers import controller_options
+from rcmqp.errors import RunFileError
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 
 CASES = cases(
@@ -22,13 +25,21 @@ CASES = cases(
 )
 
 
-def numbers(rows: list[Row]) -> list[dict[str, object]]:
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They take longer than the runs."""
+    monkeypatch.setattr("rcmqp.compare._draw", lambda folder, stem, files: None)
+
+
+def numbers(rows: list[Row]) -> list[dict[str, str]]:
+    """To the last digit; as text, in which NaN is NaN."""
     return [
-        {name: x for name, x in dataclasses.asdict(row).items() if name not in TIMES}
+        {name: repr(x) for name, x in dataclasses.asdict(row).items() if name not in TIMES}
         for row in rows
     ]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_rows_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
     done: list[int] = []
     one = compare(CASES, tmp_path / "one", progress=done.append)
@@ -74,6 +85,52 @@ def test_the_command_prints_the_rows(tmp_path: Path, capsys: pytest.CaptureFixtu
         main(["compare", "-s", "conical_helix", *short, "--json"])
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["scenario"], row["arm"], row["limits_kept"]) == ("conical_helix", "ur5", True)
+
+
+@pytest.mark.usefixtures("dask", "no_figures")
+def test_the_rows_are_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
+    on_dask = compare(CASES[:2], tmp_path / "dask", jobs=-1)
+    with joblib.parallel_config("sequential"):
+        assert numbers(on_dask) == numbers(compare(CASES[:2], tmp_path / "here"))
+
+
+def test_an_arm_without_acceleration_limits_says_so_and_can_keep_its_limits() -> None:
+    short = load_scenario("conical_helix", "ur5", duration=0.1)
+    row = row_of(simulate(short, make_controller("dual_quaternion", short.insertion(), 1e-3)))
+    assert math.isnan(row.acceleration_ratio_max)
+    assert row.limits_kept
+    assert "| no limit |" in as_markdown([row])
+    assert "no limit" not in as_markdown([Row("a", "b", "c", failure="no arm")])
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_an_option_goes_to_each_controller_that_has_it_and_a_flange_to_urdfs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf = load_arm("panda").urdf
+    laws = ["-c", "dual-quaternion", "-c", "task-priority", "--set", "feed_forward=true"]
+    arms = ["-a", "ur5", "-a", str(urdf), "--flange", "panda_link8"]
+    short = ["--duration", "0.05", "--out", str(tmp_path), *laws, "--set", "K_c=0"]
+    with pytest.raises(SystemExit):
+        main(["compare", "-s", "conical_helix", *short, *arms, "--json"])
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["failure"] for row in rows] == [""] * 4
+    runs = [Run.load(file) for file in sorted(tmp_path.glob("*.h5"))]
+    assert {Path(run.scenario.arm).stem: run.scenario.flange for run in runs} == {
+        "ur5": None,
+        Path(str(urdf)).stem: "panda_link8",
+    }
+    for run in runs:
+        known = controller_options(run.controller)
+        assert run.options.get("K_c", 0.0) == 0.0
+        assert run.options.get("feed_forward", True) is True
+        assert known.keys() & {"K_c", "feed_forward"}
+
+
+def test_a_figure_that_cannot_be_written_is_said_from_any_process(tmp_path: Path) -> None:
+    (tmp_path / "conical_helix_ur5.png").mkdir()
+    with pytest.raises(RunFileError, match=r"conical_helix_ur5\.png"):
+        compare(CASES[:1], tmp_path, jobs=2)
 
 
 def test_smoother_movements_have_larger_measures() -> None:

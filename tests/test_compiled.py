@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,23 @@ import pinocchio as pin
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import ArmState, Insertion, Reference, _kernel, load_scenario
+from rcmqp import (
+    ArmState,
+    Insertion,
+    Reference,
+    ViewCommand,
+    _kernel,
+    load_scenario,
+    view_pose,
+)
+from rcmqp import dualquaternion as dq
 from rcmqp.controllers import DualQuaternion
 from rcmqp.dualquaternion import Array, from_se3
+from rcmqp.insertion import insertion_depth, rcm_error, tilt
 from rcmqp.objectives import Manipulability, SingularityProduct
+from rcmqp.paths import Circle, ConicalHelix, Lissajous
+from rcmqp.paths.drawn import Drawn
+from rcmqp.reference import carried, view_of_tip
 
 OPTIONS: list[dict[str, Any]] = [
     {},
@@ -134,6 +148,68 @@ def test_manipulability_is_finite_in_a_singularity_of_any_depth() -> None:
         m, gradient = Manipulability().evaluate(arm.state(angles))
         assert abs(m) < 1e-15
         assert np.isfinite(gradient).all()
+
+
+# Views, references and poses, a block at a time --------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "path", [ConicalHelix(turns=2.5), Circle(turns=1.3), Lissajous()], ids=str
+)
+def test_the_views_of_a_drawn_path_are_those_of_its_tip(path: Drawn) -> None:
+    times = np.linspace(-0.5, path.duration + 0.5, 400)
+    found = path.views_at(times, 0.1)
+    expected = [astuple(view_of_tip(*path.tip(t, 0.1), 0.1)) for t in times]
+    assert_allclose(found, expected, rtol=0, atol=1e-13)
+    assert np.ptp(found[:, 0]) > 0.1
+
+
+def test_the_references_of_a_block_are_those_of_its_views_to_the_bit() -> None:
+    rng, x_rcm = np.random.default_rng(7), inserted("panda").x_rcm
+    views, offsets = rng.normal(size=(50, 8)), rng.normal(size=(50, 3))
+    offsets[::3], rates = 0.0, rng.normal(size=(50, 3))
+    blocks = _kernel.view_poses(x_rcm, views, offsets, rates)
+    for view, offset, rate, *found in zip(views, offsets, rates, *blocks, strict=True):
+        one = view_pose(carried(x_rcm, offset), ViewCommand(*view), rate)
+        for values, expected in zip(found, (one.x_d, one.x_d_dot, one.pivot), strict=True):
+            assert np.array_equal(values, expected)
+
+
+def test_what_a_record_says_of_poses_is_what_numpy_says() -> None:
+    rng, axis = np.random.default_rng(7), np.array([0.36, -0.48, 0.8])
+    x, x_d = (
+        np.array(
+            [sign * from_se3(pin.exp6(rng.normal(size=6))) for sign in rng.choice([-1, 1], 99)]
+        )
+        for _ in range(2)
+    )
+    pivot = rng.normal(size=(99, 3))
+    insertion = inserted("panda")
+    tip, tip_d, seen = _kernel.observed(x, x_d, pivot, axis, insertion.tip_depth)
+    expected = (
+        np.linalg.norm(insertion.tip(x) - insertion.tip(x_d), axis=1),
+        np.linalg.norm(dq.translation(x) - dq.translation(x_d), axis=1),
+        dq.angle_between(x, x_d),
+        rcm_error(x, pivot),
+        insertion_depth(x, pivot, insertion.tip_depth),
+        tilt(x, axis),
+    )
+    assert_allclose(seen, np.transpose(expected), rtol=0, atol=1e-14)
+    assert_allclose(tip, insertion.tip(x), rtol=0, atol=1e-14)
+    assert_allclose(tip_d, insertion.tip(x_d), rtol=0, atol=1e-14)
+
+
+def test_a_row_is_stored_whole_or_refused() -> None:
+    table = np.zeros((3, 5))
+    _kernel.store(table, 1, np.arange(2.0), np.array([[7.0, 8.0, 9.0]]))
+    assert np.array_equal(table, [[0.0] * 5, [0.0, 1.0, 7.0, 8.0, 9.0], [0.0] * 5])
+    for arrays in ([np.zeros(4)], [np.zeros(6)], [np.zeros(2), np.zeros(4)]):
+        with pytest.raises(ValueError, match="numbers for a row of 5"):
+            _kernel.store(table, 0, *arrays)
+    with pytest.raises(ValueError, match="from 0 to 2"):
+        _kernel.store(table, 3, np.zeros(5))
+    with pytest.raises(TypeError, match="float64"):
+        _kernel.store(table, 0, np.zeros(5, dtype=np.float32))
 
 
 # The record --------------------------------------------------------------------------------

@@ -157,3 +157,15 @@ def test_metrics_come_from_the_recorded_channels_alone() -> None:
     before = run.digest
     assert compute_metrics(run) == compute_metrics(run)
     assert run.digest == before
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_metrics_do_not_depend_on_the_parts(
+    small: Run, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Velocities and accelerations across their borders, too."""
+    whole, in_parts = compute_metrics(small), Run.parts
+    monkeypatch.setattr(Run, "parts", lambda run: in_parts(run, size))
+    found = compute_metrics(small)
+    for field in dataclasses.fields(Metrics):
+        assert_allclose(getattr(found, field.name), getattr(whole, field.name), rtol=1e-14)

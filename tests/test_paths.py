@@ -14,7 +14,7 @@ from rcmqp import ViewCommand, view_pose
 from rcmqp import dualquaternion as dq
 from rcmqp.devices import HandMapping
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import OptionError
+from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.paths import (
     PATHS,
     Circle,
@@ -24,6 +24,7 @@ from rcmqp.paths import (
     Path,
     ViewMoves,
     ViewSteps,
+    views_of,
 )
 
 TIP_DEPTH = 0.1
@@ -73,6 +74,22 @@ def test_rates_are_the_derivatives_of_the_views(name: str) -> None:
 
         found = values(path.command(t, TIP_DEPTH))[4:]
         assert_allclose(found, derivative(view), rtol=0, atol=1e-9)
+
+
+@EVERY_PATH
+def test_a_block_of_views_is_that_of_its_commands_to_the_bit(name: str) -> None:
+    path = SAMPLES[name]
+    times = np.random.default_rng(7).uniform(0.0, path.duration + 1.0, 100)
+    expected = [values(path.command(t, TIP_DEPTH)) for t in times.tolist()]
+    assert np.array_equal(views_of(path, times, TIP_DEPTH), expected)
+
+
+def test_a_drawn_path_that_leaves_the_trocar_is_refused() -> None:
+    out = ConicalHelix(pitch=-0.05)
+    with pytest.raises(InvalidCommand, match=r"tip at z = -.* must be inside"):
+        out.views_at(np.array([0.0, out.duration]), TIP_DEPTH)
+    with pytest.raises(InvalidCommand, match=r"tip at z = -.* must be inside"):
+        out.command(out.duration, TIP_DEPTH)
 
 
 @EVERY_PATH

@@ -33,6 +33,7 @@ from rcmqp.paths import (
 )
 from rcmqp.paths import Path as ViewPath
 from rcmqp.plants import PLANTS, Kinematic, Plant, Servo
+from rcmqp.scenario import PIVOT_VELOCITIES
 from rcmqp.scene import Sphere
 
 every_scenario = pytest.mark.parametrize("name", scenario_names())
@@ -292,6 +293,22 @@ def test_a_trocar_that_jumps_takes_the_reference_along_at_once() -> None:
     references = list(scenario.references(scenario.insertion()))
     gap = to_se3(references[101].x_d).translation - to_se3(references[100].x_d).translation
     assert_allclose(gap, there, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("how", PIVOT_VELOCITIES)
+@pytest.mark.parametrize("planner_time", [None, 0.02])
+def test_references_do_not_depend_on_how_many_are_made_at_once(
+    how: str, planner_time: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = moving(how, duration=0.06, planner_time=planner_time)
+    insertion, found = scenario.insertion(), []
+    for block in (512, 7, 1):
+        monkeypatch.setattr("rcmqp.scenario.BLOCK", block)
+        references = list(scenario.references(insertion))
+        assert len(references) == scenario.cycles
+        found.append([np.concatenate(dataclasses.astuple(reference)) for reference in references])
+    assert np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0], found[2])
 
 
 # By name and from files --------------------------------------------------------------------

@@ -34,14 +34,17 @@ from rcmqp import (
     simulate,
     view_pose,
 )
-from rcmqp.controllers import CONTROLLERS, DualQuaternion
+from rcmqp.controllers import CONTROLLERS, DualQuaternion, HierarchicalQP
 from rcmqp.dualquaternion import Array, to_se3
 from rcmqp.errors import InsertionError, InvalidCommand, OptionError
 from rcmqp.motions import Breathing, Still
 from rcmqp.paths import ConicalHelix
 from rcmqp.paths import Path as ViewPath
 from rcmqp.plants import Servo
+from rcmqp.qp import InvalidProblem
 from rcmqp.scene import Sphere
+from rcmqp.simulate import parts
+from rcmqp.tasks import RcmTask, Residual, Task
 
 PERIOD = 8e-3
 
@@ -235,6 +238,47 @@ def test_a_number_that_a_controller_gives_now_and_then_is_nan_in_between() -> No
     assert_allclose(run.diagnostics["k"], [nan, 1.0, 2.0, nan, nan, nan, nan])
 
 
+@pytest.mark.parametrize("size", [1, 7, 301])
+def test_the_parts_of_a_run_make_the_same_run_whatever_their_sizes(size: int) -> None:
+    """With a controller that stops at times, and a number that comes late."""
+
+    class Moody(DualQuaternion):
+        def step(self, state: ArmState, reference: Reference) -> Command:
+            steps.append(len(steps))
+            if steps[-1] % 11 == 10:
+                return self.safe_stop(state, f"mood {steps[-1] % 2}")
+            answer = super().step(state, reference)
+            if steps[-1] > 100:
+                answer.diagnostics["late"] = float(steps[-1])
+            return answer
+
+    scenario = load_scenario("conical_helix", duration=0.3, plant=CLUMSY, motion=BREATHING)
+    controller = Moody(scenario.insertion(), scenario.period)
+    steps: list[int] = []
+    found = list(parts(scenario, controller, size=size))
+    assert {len(part.time) for part in found[:-1]} <= {size}
+    steps = []
+    run = simulate(scenario, controller)
+    assert len(run.stops) == 2
+    assert np.isnan(run.diagnostics["late"][100])
+    assert Run.joined(found, scenario.cycles).digest == run.digest
+    assert Run.joined(run.parts(size), scenario.cycles).digest == run.digest
+
+
+def test_a_controller_may_use_its_array_again() -> None:
+    class Sparing(DualQuaternion):
+        def step(self, state: ArmState, reference: Reference) -> Command:
+            answer = super().step(state, reference)
+            kept[:] = answer.v
+            numbers.update(answer.diagnostics)
+            return Command(kept, numbers)
+
+    scenario = load_scenario("conical_helix", duration=0.3)
+    kept, numbers = np.zeros(7), dict[str, float]()
+    run = simulate(scenario, Sparing(scenario.insertion(), scenario.period))
+    assert run.digest == ran(scenario).digest
+
+
 # A trocar that moves, joints that do not obey -----------------------------------------------
 
 
@@ -392,6 +436,25 @@ def test_a_wrong_answer_of_a_controller_is_refused_when_it_comes(answer: Any) ->
 
     with pytest.raises(InvalidCommand, match=r"controller 'wrong' answered .* at t = 0 s"):
         simulate(scenario, Wrong(scenario.insertion(), scenario.period))
+
+
+def test_a_task_of_a_wrong_shape_is_refused_by_its_name_before_anything_moves() -> None:
+    class Lopsided(Task):
+        rows = 3
+
+        def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+            return Residual(np.zeros(2), np.zeros((self.rows, 7)), np.zeros(2))
+
+    class Narrow(Task):
+        def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+            return Residual(np.zeros(2), np.zeros((2, 5)), np.zeros(2))
+
+    scenario = load_scenario("conical_helix", duration=0.1)
+    insertion = scenario.insertion()
+    for task, message in ((Lopsided(), r"Lopsided: error \(2,\)"), (Narrow(), "'task'.* 5 ")):
+        made = HierarchicalQP(insertion, scenario.period, levels=[RcmTask(), task])
+        with pytest.raises(InvalidProblem, match=message):
+            simulate(scenario, made)
 
 
 def test_a_view_deeper_than_the_shaft_is_long_is_refused_with_its_time() -> None:

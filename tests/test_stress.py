@@ -173,7 +173,7 @@ def test_a_path_through_an_obstacle_is_kept_out_of_it_by_who_knows_of_obstacles(
 ) -> None:
     run = ran(load_scenario("obstacle", "panda", period=8e-3, duration=2.2), controller)
     found = compute_metrics(run)
-    said = [text for text in warnings(run) if "into an obstacle" in text]
+    said = [text for text in warnings(run, found) if "into an obstacle" in text]
     if controller in ("hierarchical_qp", "weighted_qp", "vfi_qp"):
         assert -0.005 < found.obstacle_distance_min_mm < 2.0  # it went there, and not in
         assert found.tip_max_mm > 10.0

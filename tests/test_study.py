@@ -13,8 +13,6 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 
 import joblib
@@ -146,21 +144,6 @@ def test_a_folder_of_another_study_is_refused(short: str, tmp_path: Path) -> Non
     perform(study(short, 1), tmp_path / "out")
     with pytest.raises(RunFileError, match="of another study"):
         perform(study(short, 1, seed=1), tmp_path / "out")
-
-
-@pytest.fixture
-def dask() -> Iterator[None]:
-    """Joblib's work goes to a Dask cluster of two workers on this machine."""
-    distributed = pytest.importorskip("distributed")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Dask's own
-        options = {"n_workers": 2, "threads_per_worker": 1, "processes": False}
-        with (
-            distributed.LocalCluster(**options, dashboard_address=None) as cluster,
-            distributed.Client(cluster),
-            joblib.parallel_config("dask"),
-        ):
-            yield
 
 
 @pytest.mark.usefixtures("dask")

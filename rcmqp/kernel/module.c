@@ -1,6 +1,7 @@
 /* rcmqp._kernel: what a control cycle cannot afford in numpy. */
 
 #include "arrays.h"
+#include "drawn.h"
 #include "rows.h"
 
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -18,6 +19,10 @@ PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *approach(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *store(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *view_poses(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 Arena *scratch(size_t count)
 {
@@ -54,6 +59,10 @@ static PyMethodDef methods[] = {
     METHOD(carried, "A pose moved in the world's axes."),
     METHOD(view_pose, "The reference of a view, equation (5)."),
     METHOD(approach, "One part of the planner's way, equations (9) to (11)."),
+    METHOD(store, "Put the numbers of arrays into a row of a table."),
+    METHOD(views, "What a path that the tip draws asks for at many instants."),
+    METHOD(view_poses, "The references of many views, equation (5)."),
+    METHOD(observed, "What a record says of many poses."),
     {NULL, NULL, 0, NULL},
 };
 
@@ -78,6 +87,7 @@ PyMODINIT_FUNC PyInit__kernel(void)
         {"RCM", RCM}, {"TIP", TIP}, {"ROLL", ROLL}, {"POSE", POSE}, {"POSTURE", POSTURE},
         {"SRS_PRODUCT", SRS_PRODUCT}, {"MANIPULABILITY", MANIPULABILITY}, {"JOINTS", JOINTS},
         {"TROCAR_CONE", TROCAR_CONE}, {"TROCAR_DEPTH", TROCAR_DEPTH}, {"KEEP_OUT", KEEP_OUT},
+        {"HELIX", HELIX}, {"CIRCLE", CIRCLE}, {"LISSAJOUS", LISSAJOUS},
         {"TASK_NUMBERS", TASK_NUMBERS}, {"LIMIT_NUMBERS", LIMIT_NUMBERS},
     };
     import_array();

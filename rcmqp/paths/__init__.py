@@ -6,10 +6,16 @@ one is a class with ``duration`` and ``command()``, added to PATHS.
 
 from __future__ import annotations
 
+import dataclasses
+import operator
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
+from rcmqp.dualquaternion import Array
 from rcmqp.paths.circle import Circle
 from rcmqp.paths.conical_helix import ConicalHelix
+from rcmqp.paths.drawn import Drawn
 from rcmqp.paths.hand_trace import HandTrace
 from rcmqp.paths.lissajous import Lissajous
 from rcmqp.paths.view_moves import ViewMoves
@@ -29,6 +35,16 @@ class Path(Protocol):
         """The view asked for at ``t`` [s], its tip ``tip_depth`` [m] inside at the start."""
 
 
+def views_of(path: Path, times: Array, tip_depth: float) -> Array:
+    """The views (n, 8) at ``times`` (n,) [s], a ViewCommand's numbers each; see Path.command()."""
+    if isinstance(path, Drawn):
+        return path.views_at(times, tip_depth)
+    commands = [path.command(t, tip_depth) for t in times.tolist()]
+    return np.array([_NUMBERS(command) for command in commands], dtype=float).reshape(-1, 8)
+
+
+_NUMBERS = operator.attrgetter(*(item.name for item in dataclasses.fields(ViewCommand)))
+
 PATHS: dict[str, type[Path]] = {
     "circle": Circle,
     "conical_helix": ConicalHelix,
@@ -47,4 +63,5 @@ __all__ = [
     "Path",
     "ViewMoves",
     "ViewSteps",
+    "views_of",
 ]

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp.errors import OptionError
-from rcmqp.reference import ViewCommand, view_of_tip
+from rcmqp.paths.drawn import Drawn
 from rcmqp.smooth import check_ramp, progress
 
 
 @dataclass(frozen=True, slots=True)
-class Circle:
+class Circle(Drawn):
     """A circle in the plane across the shaft, from rest to rest.
 
     Seen from the trocar in the axes of x_d(0), with L the depth at the start, the tip is at
@@ -49,7 +50,6 @@ class Circle:
         p = np.array([self.radius * (cos - 1.0), self.radius * sin, tip_depth])
         return p, self.radius * turn_dot * np.array([-sin, cos, 0.0])
 
-    def command(self, t: float, tip_depth: float) -> ViewCommand:
-        """The view whose tip is on the circle at ``t`` [s], without roll."""
-        p, p_dot = self.tip(t, tip_depth)
-        return view_of_tip(p, p_dot, tip_depth)
+    def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
+        """See Drawn."""
+        return _kernel.CIRCLE, (self.radius, self.turns, 0.0, 0.0)

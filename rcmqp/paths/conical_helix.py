@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from rcmqp import _kernel
 from rcmqp.errors import OptionError
 from rcmqp.instrument import Vector3
-from rcmqp.reference import ViewCommand, view_of_tip
+from rcmqp.paths.drawn import Drawn
 from rcmqp.smooth import check_ramp, progress
 
 
 @dataclass(frozen=True, slots=True)
-class ConicalHelix:
+class ConicalHelix(Drawn):
     """A helix on a cone about an axis through the trocar, from rest to rest.
 
     Seen from the trocar in axes whose z is the helix's axis, the tip is at
@@ -60,24 +61,23 @@ class ConicalHelix:
         Raises:
             OptionError: the tip starts less deep than the helix is wide.
         """
-        r_0, r_1, n = self.radius_start, self.radius_end, self.turns
-        if not tip_depth > r_0:
-            raise OptionError(
-                f"the tip starts {1e3 * tip_depth:.1f} mm inside; a helix of radius "
-                f"{1e3 * r_0:.1f} mm needs it deeper than that"
-            )
+        _, (r_0, r_1, pitch, n) = self.figure(tip_depth)
         s, s_dot = self.progress(t)
         turn, r = 2.0 * math.pi * n * s, r_0 + (r_1 - r_0) * s
         cos, sin, swing = math.cos(turn), math.sin(turn), 2.0 * math.pi * n * r
         L = math.sqrt(tip_depth**2 - r_0**2)
-        x, y, z = r * cos, r * sin, L + n * self.pitch * s
+        x, y, z = r * cos, r * sin, L + n * pitch * s
         u, v = (r_1 - r_0) * cos - swing * sin, (r_1 - r_0) * sin + swing * cos  # dp/ds
-        w = n * self.pitch
+        w = n * pitch
         c, d = L / tip_depth, -r_0 / tip_depth  # of the tilt, -asin(r_0 / tip_depth) about y
         velocity = (s_dot * (c * u + d * w), s_dot * v, s_dot * (c * w - d * u))
         return (c * x + d * z, y, c * z - d * x), velocity
 
-    def command(self, t: float, tip_depth: float) -> ViewCommand:
-        """The view whose tip is on the helix at ``t`` [s], without roll."""
-        p, p_dot = self.tip(t, tip_depth)
-        return view_of_tip(p, p_dot, tip_depth)
+    def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
+        """See Drawn."""
+        if not tip_depth > self.radius_start:
+            raise OptionError(
+                f"the tip starts {1e3 * tip_depth:.1f} mm inside; a helix of radius "
+                f"{1e3 * self.radius_start:.1f} mm needs it deeper than that"
+            )
+        return _kernel.HELIX, (self.radius_start, self.radius_end, self.pitch, self.turns)

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp.errors import OptionError
 from rcmqp.instrument import Vector3, vector3
-from rcmqp.reference import ViewCommand, view_of_tip
+from rcmqp.paths.drawn import Drawn
 from rcmqp.smooth import check_ramp, progress
 
 
 @dataclass(frozen=True, slots=True)
-class Lissajous:
+class Lissajous(Drawn):
     """A figure of eight that also goes in and out, from rest to rest.
 
     Seen from the trocar in the axes of x_d(0), with L the depth at the start, the tip is at
@@ -50,20 +51,20 @@ class Lissajous:
         Raises:
             OptionError: the figure would come out of the trocar.
         """
+        _, (a, b, c, n) = self.figure(tip_depth)
+        s, s_dot = progress(t, self.duration, self.ramp)
+        u, u_dot = 2.0 * math.pi * n * s, 2.0 * math.pi * n * s_dot
+        cos_2u, sin_2u = math.cos(2.0 * u), math.sin(2.0 * u)
+        p = np.array([a * math.sin(u), -b * sin_2u, tip_depth + c * (cos_2u - 1.0)])
+        dp_du = np.array([a * math.cos(u), -2.0 * b * cos_2u, -2.0 * c * sin_2u])
+        return p, u_dot * dp_du
+
+    def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
+        """See Drawn."""
         a, b, c = self.size
         if not tip_depth > 2.0 * c:
             raise OptionError(
                 f"the tip starts {1e3 * tip_depth:.1f} mm inside; a figure that comes out by "
                 f"{2e3 * c:.1f} mm needs it deeper than that"
             )
-        s, s_dot = progress(t, self.duration, self.ramp)
-        u, u_dot = 2.0 * math.pi * self.turns * s, 2.0 * math.pi * self.turns * s_dot
-        cos_2u, sin_2u = math.cos(2.0 * u), math.sin(2.0 * u)
-        p = np.array([a * math.sin(u), -b * sin_2u, tip_depth + c * (cos_2u - 1.0)])
-        dp_du = np.array([a * math.cos(u), -2.0 * b * cos_2u, -2.0 * c * sin_2u])
-        return p, u_dot * dp_du
-
-    def command(self, t: float, tip_depth: float) -> ViewCommand:
-        """The view whose tip is on the figure at ``t`` [s], without roll."""
-        p, p_dot = self.tip(t, tip_depth)
-        return view_of_tip(p, p_dot, tip_depth)
+        return _kernel.LISSAJOUS, (a, b, c, self.turns)

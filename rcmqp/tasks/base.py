@@ -106,8 +106,15 @@ class Task(abc.ABC):
         return None
 
     def level(self, state: ArmState, reference: Reference) -> Level:
-        """The task as a level of a hierarchy, in the error's unit per second."""
-        residual = self.evaluate(state, reference)
+        """The task as a level of a hierarchy, in the error's unit per second.
+
+        Raises:
+            InvalidProblem: what evaluate() gives does not belong together.
+        """
+        try:
+            residual = self.evaluate(state, reference)
+        except InvalidProblem as error:
+            raise InvalidProblem(f"{type(self).__name__}: {error}") from error
         wanted = -self.gain * residual.error - residual.drift
         return Level(residual.jacobian, wanted, self.name)
 

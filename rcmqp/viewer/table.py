@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Sequence
 
-from rcmqp.metrics import Metrics, compute_metrics
+from rcmqp.metrics import Metrics, against_limit, compute_metrics
 from rcmqp.run import Run
 
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
@@ -16,7 +16,7 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
     ("depth of the tip [mm]", lambda m: f"{m.depth_min_mm:.1f} to {m.depth_max_mm:.1f}"),
     ("joint speed over its limit, max", lambda m: f"{m.speed_ratio_max:.3f}"),
-    ("joint acceleration over its limit, max", lambda m: f"{m.acceleration_ratio_max:.3g}"),
+    ("joint acceleration over its limit, max", lambda m: against_limit(m.acceleration_ratio_max)),
     ("margin to joint limits, least [rad]", lambda m: f"{m.limit_margin_min_rad:.3f}"),
     ("singular value, least", lambda m: f"{m.singular_value_min:.4f}"),
     ("tip speed asked for, rms [mm/s]", lambda m: f"{m.tip_speed_rms_mm_s:.1f}"),
