@@ -28,7 +28,7 @@ from rcmqp.operators import (
     operator_of_study,
     recognition_times,
 )
-from rcmqp.operators.detour import is_clear, via_point
+from rcmqp.operators.detour import is_clear, passing, via_point
 from rcmqp.operators.hand import Hand
 from rcmqp.operators.perception import Eyes
 from rcmqp.operators.submovement import Submovement, duration
@@ -289,7 +289,8 @@ def test_an_image_without_spheres_tells_nothing_and_the_hand_goes_back() -> None
             moves.add(asking._move)
             ways.append(np.array(asking._move.way))
     assert np.linalg.norm(ways[1]) > 0.02
-    assert ways[2] @ ways[1] < -0.9 * ways[1] @ ways[1]
+    assert ways[2] @ ways[1] < -0.4 * ways[1] @ ways[1]  # half-way back to the start
+    assert np.linalg.norm(ways[1] + ways[2] + ways[3]) < 0.35 * np.linalg.norm(ways[1])
 
 
 def test_what_the_arm_does_is_answered_after_the_delay_and_not_before() -> None:
@@ -354,6 +355,52 @@ def test_the_way_round_keeps_its_distance() -> None:
         assert is_clear(a, b, obstacle, 0.02 - 1e-9)
     assert not is_clear(start, goal, obstacle, 0.02)
     assert via_point(start, (-0.025, -0.025, 0.12), obstacle, 0.02) is None
+
+
+def test_a_way_is_clear_only_if_the_whole_shaft_keeps_its_distance() -> None:
+    """Beyond the obstacle the tip is far from it, and the shaft goes through it."""
+    obstacle = Sphere((0.025, 0.0, 0.12), 0.008)
+    beyond = (0.04, -0.03, 0.16), (0.04, 0.03, 0.16)
+    assert passing(*beyond, obstacle).min() < 5e-3
+    assert math.dist((0.04, 0.0, 0.16), obstacle.centre) > 0.04
+    assert not is_clear(*beyond, obstacle, 0.02)
+    assert is_clear((0.025, -0.025, 0.12), (0.025, -0.04, 0.16), obstacle, 0.02)  # away from it
+
+
+def test_who_is_less_sure_keeps_wider_of_the_obstacle() -> None:
+    """The point beside it lies further from it, by what a movement from there is off."""
+    asked = []
+    for changes in ({}, {"floor_depth": 3e-3}, {"motor_noise": 0.2}, {"caution": 0.0}):
+        trial = CameraTrial(dataclasses.replace(QUICK, **changes))
+        asking = steering(trial)
+        asking.objective = 2
+        asking._start_objective(0.0, trial.task.targets[1])
+        assert asking._via is not None
+        asked.append(math.dist(asking._via, trial.task.obstacle.centre))
+    sure, deep, shaky, careless = asked
+    assert careless < sure < min(deep, shaky)
+
+
+def test_a_movement_towards_the_obstacle_is_broken_off_when_it_has_been_seen() -> None:
+    """After the delay and the shortest interval; one that passes by is left to end."""
+    asking = steering(CameraTrial(QUICK))
+    x = pose((0.025, -0.025, 0.12))
+    for way, broken_off in (((0.0, 0.05, 0.0), True), ((-0.05, 0.0, 0.0), False)):
+        asking = steering(CameraTrial(QUICK))
+        asking.objective = 2
+        asking._move = aimed = Submovement((0.0, 0.0, 0.0), way, 0.0, 2.0)
+        asking._next = 9.0
+        times = [k * T for k in range(round(2.0 / T))]
+        decided = []
+        for t in times:
+            asking.command(t, x)
+            if asking._move is not aimed:
+                decided.append(t)
+                break
+        assert bool(decided) is broken_off
+        if decided:
+            earliest = max(QUICK.interval, QUICK.delay)
+            assert earliest <= decided[0] <= earliest + 0.05
 
 
 def test_an_operator_at_the_obstacle_goes_on_even_if_no_way_ever_seems_clear(
