@@ -247,7 +247,7 @@ def test_the_tip_is_where_pinocchio_has_it() -> None:
 
 def pose(p: Vector3) -> Array:
     """Effector pose (8,) with its tip at p (3,), from the trocar in the start's axes."""
-    view = HandMapping().view(HandMapping().way(p, 0.08), (0.0, 0.0, 0.0), 0.08)
+    view = HandMapping().view(HandMapping().way(p, 0.10), (0.0, 0.0, 0.0), 0.10)
     return np.asarray(view_pose(insertion().x_rcm, view).x_d)
 
 
@@ -279,9 +279,9 @@ def test_distances_are_seen_late_in_the_image_and_worst_in_depth() -> None:
 def test_an_image_without_spheres_tells_nothing_and_the_hand_goes_back() -> None:
     task = CameraTask()
     eyes = Eyes(Operator(), task, insertion(), np.random.default_rng(7))
-    eyes.look(0.0, pose((0.0, 0.0, 0.13)))  # past where it sees any
+    eyes.look(0.0, pose((0.0, 0.0, 0.16)))  # past where it sees any
     assert eyes.perceive(1.0, task.targets[0]) is None
-    asking, blind = steering(CameraTrial(QUICK)), pose((0.0, 0.0, 0.13))
+    asking, blind = steering(CameraTrial(QUICK)), pose((0.0, 0.0, 0.16))
     ways, moves = [], set()
     for k in range(200):
         asking.command(k * T, insertion().x_rcm if k < 8 else blind)
@@ -384,7 +384,7 @@ def test_who_is_less_sure_keeps_wider_of_the_obstacle() -> None:
 def test_a_movement_towards_the_obstacle_is_broken_off_when_it_has_been_seen() -> None:
     """After the delay and the shortest interval; one that passes by is left to end."""
     asking = steering(CameraTrial(QUICK))
-    x = pose((0.025, -0.025, 0.12))
+    x = pose((0.025, -0.025, 0.14))
     for way, broken_off in (((0.0, 0.05, 0.0), True), ((-0.05, 0.0, 0.0), False)):
         asking = steering(CameraTrial(QUICK))
         asking.objective = 2

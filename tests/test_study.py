@@ -176,7 +176,7 @@ from rcmqp.insertion import Insertion
 from rcmqp.operators import CameraTrial
 
 def scenario(arm="panda", *, flange=None):
-    inside = Insertion.on_shaft(load_arm(arm), Instrument(length=0.09), depth=0.08)
+    inside = Insertion.on_shaft(load_arm(arm), Instrument(length=0.11), depth=0.10)
     return Scenario.of("far", inside, CameraTrial(duration=60.0))
 """
 
@@ -227,7 +227,7 @@ def test_an_outcome_has_the_runs_own_numbers_and_the_traces_fit_them(short: str)
     assert_allclose(1e3 * traces["obstacle"].min(), outcome.obstacle_shaft_mm, rtol=1e-6)
     shaft = outcome.obstacle_shaft_mm + 1e3 * scenario.instrument.radius
     assert shaft == pytest.approx(outcome.obstacle_tip_mm)  # the tip is the nearest
-    assert_allclose(traces["tip"][0], [0.0, 0.0, 0.08], rtol=0, atol=1e-7)
+    assert_allclose(traces["tip"][0], [0.0, 0.0, 0.10], rtol=0, atol=1e-7)
 
 
 def test_a_record_survives_its_file(short: str, tmp_path: Path) -> None:
