@@ -29,7 +29,7 @@ from rcmqp.scene import Sphere
 DEPTH = 0.10
 """How far the tip is inside at the start [m]."""
 
-START = {"lwa3": (0.0, 0.35, 0.0, 1.3, 0.0, 1.5, math.pi / 2.0)}
+START = {"lwa3": (0.0, 0.5, 0.0, 1.3, 0.0, 1.34, math.pi / 2.0)}
 """Joint angles of arms that the task would take from their home to a limit or stretch [rad]."""
 
 PLANNER_TIME = 0.2

@@ -293,6 +293,18 @@ def test_an_image_without_spheres_tells_nothing_and_the_hand_goes_back() -> None
     assert np.linalg.norm(ways[1] + ways[2] + ways[3]) < 0.35 * np.linalg.norm(ways[1])
 
 
+def test_the_hand_is_never_meant_further_out_of_the_patient_than_where_it_started() -> None:
+    unsure = dataclasses.replace(QUICK, floor_depth=6e-3, weber_depth=1.0, interval=0.05)
+    asking, x, outmost = steering(CameraTrial(unsure)), pose((0.0, 0.0, 0.14)), 0.0
+    moves = set()
+    for k in range(2000):
+        asking.command(k * T, x)
+        moves.add(asking._move)
+        outmost = min(outmost, asking._move.start[2] + asking._move.way[2])
+    assert outmost > -1e-12
+    assert sum(move.way[2] < 0.0 for move in moves) > 10  # who sees it too far in pulls back
+
+
 def test_what_the_arm_does_is_answered_after_the_delay_and_not_before() -> None:
     """Two arms that part ways at t = 0.5 s: the hand knows from 0.5 s + delay on."""
     operator = dataclasses.replace(QUICK, delay=0.3, interval=0.01, shortest=0.02, speed=10.0)

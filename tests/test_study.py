@@ -24,6 +24,7 @@ from helpers import assert_allclose
 
 from rcmqp import compute_metrics, simulate
 from rcmqp.cli import main
+from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.study.outcome import Outcome, outcome_of
 from rcmqp.study.perform import RUNS, Performed, perform, trial_file
@@ -32,6 +33,7 @@ from rcmqp.study.record import Record
 from rcmqp.study.report import write_figures, write_tables
 from rcmqp.study.statistics import holm, paired, summary
 from rcmqp.study.tables import outcomes_csv, table
+from rcmqp.tasks import ObjectiveTask, RcmTask, Together
 
 SHORT = """
 import dataclasses
@@ -182,16 +184,37 @@ def scenario(arm="panda", *, flange=None):
 
 
 def test_a_trial_that_fails_is_an_outcome_with_its_reason(tmp_path: Path) -> None:
-    """A shaft of 9 cm, and objectives 12 cm inside."""
+    """A shaft of 11 cm, and objectives 14 cm inside."""
     (tmp_path / "far.py").write_text(FAR, encoding="utf-8")
     chosen = study(str(tmp_path / "far.py"), 1, seed=46)
     performed = perform(chosen, tmp_path / "out")
     (outcome,) = performed.outcomes
-    assert "the shaft is only 90.0 mm long" in outcome.failure
+    assert "the shaft is only 110.0 mm long" in outcome.failure
     assert math.isnan(outcome.rcm_rms_mm)
     assert not outcome.finished
     assert "1 trials failed; the first, operator 0: " in table(performed)
     assert not write_figures(performed)
+
+
+def test_hierarchical_qp_holds_tip_and_roll_as_one_level_with_its_own_gains() -> None:
+    law = Law("hierarchical-qp", options=(("gain", 50.0), ("K_c", 3.0)))
+    (trial,) = Study(operators=1, laws=(law,)).trials()
+    made = trial.controller(trial.made())
+    assert isinstance(made, HierarchicalQP)
+    assert made.options["levels"] == ["rcm", "tip + roll", "objective"]
+    assert made.backend == "active_set"
+    assert made.levels is not None
+    rcm, camera, own = made.levels
+    assert isinstance(rcm, RcmTask)
+    assert isinstance(camera, Together)
+    assert isinstance(own, ObjectiveTask)
+    assert {rcm.gain, *(task.gain for task in camera.tasks)} == {50.0}
+    assert own.K_c == 3.0
+    chosen = Law("hierarchical_qp", options=(("backend", "daqp"), ("K_c", 0.0)))
+    (trial,) = Study(operators=1, laws=(chosen,)).trials()
+    made = trial.controller(trial.made())
+    assert made.options["levels"] == ["rcm", "tip + roll"]
+    assert made.options["backend"] == "daqp"
 
 
 def test_what_cannot_be_made_is_found_before_the_work(short: str, tmp_path: Path) -> None:

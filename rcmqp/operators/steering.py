@@ -36,7 +36,8 @@ class Steering:
     other. Each is decided on what the camera showed ``delay`` ago: the perceived way to the goal
     in the image's axes, short by ``gain``, scattered by the noise of the muscles. The
     next one is decided when the last has been seen to end, and not before ``interval``. Where
-    nothing is to be seen, the hand goes half-way back to where it started and all was in view.
+    nothing is to be seen, the hand goes half-way back to where it started and all was in view;
+    further out of the patient than that it is never meant to go.
 
     Round the obstacle the operator goes by way of a point beside it, until that seems near and
     the straight way to the objective clear; or near for the second time. The point is such that
@@ -158,7 +159,7 @@ class Steering:
             x, y, z = (operator.gain * a / self._scale for a in away)
         length = math.hypot(x, y, z)
         noise = (operator.motor_noise * length * self._rng.normal(size=3)).tolist()
-        way = (x + noise[0], y + noise[1], z + noise[2])
+        way = (x + noise[0], y + noise[1], max(z + noise[2], -here[2]))
         lasts = duration(operator, math.hypot(*way))
         self._move = Submovement(here, way, t, lasts)
         self._next = t + max(operator.interval, lasts + 0.9 * operator.delay)
