@@ -382,8 +382,13 @@ def test_a_way_is_clear_only_if_the_whole_shaft_keeps_its_distance() -> None:
 def test_who_is_less_sure_keeps_wider_of_the_obstacle() -> None:
     """The point beside it lies further from it, by what a movement from there is off."""
     asked = []
-    for changes in ({}, {"floor_depth": 3e-3}, {"motor_noise": 0.2}, {"caution": 0.0}):
-        trial = CameraTrial(dataclasses.replace(QUICK, **changes))
+    for operator in (
+        QUICK,
+        dataclasses.replace(QUICK, floor_depth=3e-3),
+        dataclasses.replace(QUICK, motor_noise=0.2),
+        dataclasses.replace(QUICK, caution=0.0),
+    ):
+        trial = CameraTrial(operator)
         asking = steering(trial)
         asking.objective = 2
         asking._start_objective(0.0, trial.task.targets[1])

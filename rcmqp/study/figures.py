@@ -141,8 +141,8 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
     _boxes(whole, [[o.completion_s for o in _of(outcomes, group)] for group in GROUPS], GROUPS)
     for i, group in enumerate(GROUPS):
         label = "the paper's mean" if i == 0 else None
-        at, times = (i + 0.7, i + 1.3), (PAPER_TIMES[group], PAPER_TIMES[group])
-        whole.plot(at, times, color="black", linestyle="--", label=label)
+        mean = PAPER_TIMES[group]
+        whole.plot([i + 0.7, i + 1.3], [mean, mean], "k--", label=label)
     whole.legend(fontsize=8)
     whole.set_ylabel("completion time [s]")
     for group in GROUPS:
