@@ -106,6 +106,16 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
     assert not list((folder / RUNS).glob("*.part"))
 
 
+def test_trials_that_another_version_ran_are_told_of(short: str, tmp_path: Path) -> None:
+    chosen = study(short, 2)
+    assert not perform(chosen, tmp_path).notes
+    file = trial_file(tmp_path, chosen.trials()[0])
+    record = Record.load(file)
+    dataclasses.replace(record, versions={**record.versions, "numpy": "1.0"}).save(file)
+    (note,) = perform(chosen, tmp_path).notes
+    assert "1 of 2 trials were run by other versions, the first by numpy 1.0 (now " in note
+
+
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty"])
 def test_a_damaged_file_is_found_said_and_made_again(
     short: str, tmp_path: Path, damage: str

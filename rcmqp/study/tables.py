@@ -45,7 +45,7 @@ MEASURES = (
         "0.3398 ± 0.0163 (*)",
     ),
     Measure("tip error, rms [mm]: the camera", "tip_rms_mm", ".4f", "0.3398 ± 0.0163 (*)"),
-    Measure("RCM error, rms [mm]", "rcm_rms_mm", ".5f", "0.00710 ± 0.00706"),
+    Measure("RCM error, rms [mm]", "rcm_rms_mm", ".3g", "0.00710 ± 0.00706"),
     Measure(
         "least distance, camera to obstacle [mm]", "obstacle_tip_mm", ".2f", "12.52 ± 5.03 (**)"
     ),
@@ -59,7 +59,7 @@ MEASURES = (
 EXTREMES = (
     Measure("effector error", "effector_max_mm", ".2f", "4.82 (*)"),
     Measure("tip error", "tip_max_mm", ".2f", "4.82 (*)"),
-    Measure("RCM error", "rcm_max_mm", ".4f", "0.37"),
+    Measure("RCM error", "rcm_max_mm", ".3g", "0.37"),
 )
 """Largest errors of all trials [mm]."""
 
