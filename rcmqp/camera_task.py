@@ -28,7 +28,7 @@ class CameraTask:
     Attributes:
         side: of the square of spheres [m]; the paper's 5 cm.
         target_depth: distance of the objectives' plane from the trocar [m]: as deep as the helix
-            of experiment A, where the corners need a tilt of 16.4 deg.
+            of experiment A goes, where the corners need a tilt of 14.2 deg.
         standoff: from that plane to the spheres' [m]: a close-up in which the sphere fills a
             fifth of the image's width and the others are out of sight, so that each view is a
             view of one sphere.
@@ -40,7 +40,7 @@ class CameraTask:
     """
 
     side: float = 0.05
-    target_depth: float = 0.12
+    target_depth: float = 0.14
     standoff: float = 0.035
     sphere_radius: float = 0.004
     obstacle_radius: float = 0.008

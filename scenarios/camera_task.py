@@ -7,8 +7,10 @@ say what is taken: where camera and spheres stand, the size of the spheres, the 
 to camera, the device's viscosity, the sampling period, which arm, and from where to where the
 distance to the obstacle is measured.
 
-The tip starts 8 cm inside, from where all spheres and the obstacle are in view; the objectives
-are 4 cm deeper. References that are far apart go through the paper's planner.
+The tip starts 10 cm inside, where the helix of experiment A does, and from where all spheres and
+the obstacle are in view; the objectives are 4 cm deeper, where it ends. Two centimetres less, and
+the LWA3 comes to the limit of its sixth joint in one trial of seven. References that are far
+apart go through the paper's planner.
 """
 
 from __future__ import annotations
@@ -24,10 +26,10 @@ from rcmqp.instrument import vector3
 from rcmqp.operators import CameraTrial
 from rcmqp.scene import Sphere
 
-DEPTH = 0.08
+DEPTH = 0.10
 """How far the tip is inside at the start [m]."""
 
-START = {"lwa3": (0.0, 0.35, 0.0, 1.3, 0.0, 1.5, math.pi / 2.0)}
+START = {"lwa3": (0.0, 0.5, 0.0, 1.3, 0.0, 1.34, math.pi / 2.0)}
 """Joint angles of arms that the task would take from their home to a limit or stretch [rad]."""
 
 PLANNER_TIME = 0.2

@@ -75,9 +75,9 @@ def test_the_first_view_shows_everything_and_a_target_view_only_its_own_sphere()
     assert isinstance(path, CameraTrial)
     pinhole, task = Pinhole(size=200), path.task
     shown = (*task.spheres, task.obstacle)
-    for i, target in enumerate([(0.0, 0.0, 0.08), *task.targets]):
-        view = path.mapping.view(path.mapping.way(target, 0.08), (0.0, 0.0, 0.0), 0.08)
-        x_cam = camera_pose(view_pose(dq.IDENTITY, view).x_d, 0.08)
+    for i, target in enumerate([(0.0, 0.0, 0.10), *task.targets]):
+        view = path.mapping.view(path.mapping.way(target, 0.10), (0.0, 0.0, 0.0), 0.10)
+        x_cam = camera_pose(view_pose(dq.IDENTITY, view).x_d, 0.10)
         assert_allclose(dq.translation(x_cam), target, rtol=0, atol=1e-15)
         index, _ = pinhole.seen(x_cam, shown)
         assert set(np.unique(index)) - {NOTHING, OUTSIDE} == (set(range(5)) if i == 0 else {i - 1})

@@ -28,7 +28,7 @@ from rcmqp.operators import (
     operator_of_study,
     recognition_times,
 )
-from rcmqp.operators.detour import is_clear, via_point
+from rcmqp.operators.detour import is_clear, passing, via_point
 from rcmqp.operators.hand import Hand
 from rcmqp.operators.perception import Eyes
 from rcmqp.operators.submovement import Submovement, duration
@@ -247,7 +247,7 @@ def test_the_tip_is_where_pinocchio_has_it() -> None:
 
 def pose(p: Vector3) -> Array:
     """Effector pose (8,) with its tip at p (3,), from the trocar in the start's axes."""
-    view = HandMapping().view(HandMapping().way(p, 0.08), (0.0, 0.0, 0.0), 0.08)
+    view = HandMapping().view(HandMapping().way(p, 0.10), (0.0, 0.0, 0.0), 0.10)
     return np.asarray(view_pose(insertion().x_rcm, view).x_d)
 
 
@@ -279,9 +279,9 @@ def test_distances_are_seen_late_in_the_image_and_worst_in_depth() -> None:
 def test_an_image_without_spheres_tells_nothing_and_the_hand_goes_back() -> None:
     task = CameraTask()
     eyes = Eyes(Operator(), task, insertion(), np.random.default_rng(7))
-    eyes.look(0.0, pose((0.0, 0.0, 0.13)))  # past where it sees any
+    eyes.look(0.0, pose((0.0, 0.0, 0.16)))  # past where it sees any
     assert eyes.perceive(1.0, task.targets[0]) is None
-    asking, blind = steering(CameraTrial(QUICK)), pose((0.0, 0.0, 0.13))
+    asking, blind = steering(CameraTrial(QUICK)), pose((0.0, 0.0, 0.16))
     ways, moves = [], set()
     for k in range(200):
         asking.command(k * T, insertion().x_rcm if k < 8 else blind)
@@ -289,7 +289,20 @@ def test_an_image_without_spheres_tells_nothing_and_the_hand_goes_back() -> None
             moves.add(asking._move)
             ways.append(np.array(asking._move.way))
     assert np.linalg.norm(ways[1]) > 0.02
-    assert ways[2] @ ways[1] < -0.9 * ways[1] @ ways[1]
+    assert ways[2] @ ways[1] < -0.4 * ways[1] @ ways[1]  # half-way back to the start
+    assert np.linalg.norm(ways[1] + ways[2] + ways[3]) < 0.35 * np.linalg.norm(ways[1])
+
+
+def test_the_hand_is_never_meant_further_out_of_the_patient_than_where_it_started() -> None:
+    unsure = dataclasses.replace(QUICK, floor_depth=6e-3, weber_depth=1.0, interval=0.05)
+    asking, x, outmost = steering(CameraTrial(unsure)), pose((-0.02, -0.02, 0.142)), 0.0
+    moves = set()
+    for k in range(2000):
+        asking.command(k * T, x)
+        moves.add(asking._move)
+        outmost = min(outmost, asking._move.start[2] + asking._move.way[2])
+    assert outmost > -1e-12
+    assert sum(move.way[2] < 0.0 for move in moves) > 10  # who sees it too far in pulls back
 
 
 def test_what_the_arm_does_is_answered_after_the_delay_and_not_before() -> None:
@@ -354,6 +367,57 @@ def test_the_way_round_keeps_its_distance() -> None:
         assert is_clear(a, b, obstacle, 0.02 - 1e-9)
     assert not is_clear(start, goal, obstacle, 0.02)
     assert via_point(start, (-0.025, -0.025, 0.12), obstacle, 0.02) is None
+
+
+def test_a_way_is_clear_only_if_the_whole_shaft_keeps_its_distance() -> None:
+    """Beyond the obstacle the tip is far from it, and the shaft goes through it."""
+    obstacle = Sphere((0.025, 0.0, 0.12), 0.008)
+    beyond = (0.04, -0.03, 0.16), (0.04, 0.03, 0.16)
+    assert passing(*beyond, obstacle).min() < 5e-3
+    assert math.dist((0.04, 0.0, 0.16), obstacle.centre) > 0.04
+    assert not is_clear(*beyond, obstacle, 0.02)
+    assert is_clear((0.025, -0.025, 0.12), (0.025, -0.04, 0.16), obstacle, 0.02)  # away from it
+
+
+def test_who_is_less_sure_keeps_wider_of_the_obstacle() -> None:
+    """The point beside it lies further from it, by what a movement from there is off."""
+    asked = []
+    for operator in (
+        QUICK,
+        dataclasses.replace(QUICK, floor_depth=3e-3),
+        dataclasses.replace(QUICK, motor_noise=0.2),
+        dataclasses.replace(QUICK, caution=0.0),
+    ):
+        trial = CameraTrial(operator)
+        asking = steering(trial)
+        asking.objective = 2
+        asking._start_objective(0.0, trial.task.targets[1])
+        assert asking._via is not None
+        asked.append(math.dist(asking._via, trial.task.obstacle.centre))
+    sure, deep, shaky, careless = asked
+    assert careless < sure < min(deep, shaky)
+
+
+def test_a_movement_towards_the_obstacle_is_broken_off_when_it_has_been_seen() -> None:
+    """After the delay and the shortest interval; one that passes by is left to end."""
+    asking = steering(CameraTrial(QUICK))
+    x = pose((0.025, -0.025, 0.14))
+    for way, broken_off in (((0.0, 0.05, 0.0), True), ((-0.05, 0.0, 0.0), False)):
+        asking = steering(CameraTrial(QUICK))
+        asking.objective = 2
+        asking._move = aimed = Submovement((0.0, 0.0, 0.0), way, 0.0, 2.0)
+        asking._next = 9.0
+        times = [k * T for k in range(round(2.0 / T))]
+        decided = []
+        for t in times:
+            asking.command(t, x)
+            if asking._move is not aimed:
+                decided.append(t)
+                break
+        assert bool(decided) is broken_off
+        if decided:
+            earliest = max(QUICK.interval, QUICK.delay)
+            assert earliest <= decided[0] <= earliest + 0.05
 
 
 def test_an_operator_at_the_obstacle_goes_on_even_if_no_way_ever_seems_clear(

@@ -87,8 +87,7 @@ def test_a_scenario_starts_with_the_shaft_in_the_trocar(name: str, arm: str) -> 
     insertion = scenario.insertion()
     offset = 5e-3 if name == "trocar_off_shaft" else 0.0
     assert abs(insertion.trocar_offset - offset) < 1e-12
-    depth = 0.08 if name == "camera_task" else 0.1
-    assert abs(insertion.tip_depth - depth) < 1e-12
+    assert abs(insertion.tip_depth - 0.1) < 1e-12
     load_arm(arm).check_limits(scenario.angles_start)
 
 

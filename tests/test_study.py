@@ -22,6 +22,7 @@ from helpers import assert_allclose
 
 from rcmqp import compute_metrics, simulate
 from rcmqp.cli import main
+from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.study.outcome import Outcome, outcome_of
 from rcmqp.study.perform import RUNS, Performed, perform, trial_file
@@ -30,6 +31,7 @@ from rcmqp.study.record import Record
 from rcmqp.study.report import write_figures, write_tables
 from rcmqp.study.statistics import holm, paired, summary
 from rcmqp.study.tables import outcomes_csv, table
+from rcmqp.tasks import ObjectiveTask, RcmTask, Together
 
 SHORT = """
 import dataclasses
@@ -102,6 +104,16 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
     assert not list((folder / RUNS).glob("*.part"))
 
 
+def test_trials_that_another_version_ran_are_told_of(short: str, tmp_path: Path) -> None:
+    chosen = study(short, 2)
+    assert not perform(chosen, tmp_path).notes
+    file = trial_file(tmp_path, chosen.trials()[0])
+    record = Record.load(file)
+    dataclasses.replace(record, versions={**record.versions, "numpy": "1.0"}).save(file)
+    (note,) = perform(chosen, tmp_path).notes
+    assert "1 of 2 trials were run by other versions, the first by numpy 1.0 (now " in note
+
+
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty"])
 def test_a_damaged_file_is_found_said_and_made_again(
     short: str, tmp_path: Path, damage: str
@@ -159,22 +171,43 @@ from rcmqp.insertion import Insertion
 from rcmqp.operators import CameraTrial
 
 def scenario(arm="panda", *, flange=None):
-    inside = Insertion.on_shaft(load_arm(arm), Instrument(length=0.09), depth=0.08)
+    inside = Insertion.on_shaft(load_arm(arm), Instrument(length=0.11), depth=0.10)
     return Scenario.of("far", inside, CameraTrial(duration=60.0))
 """
 
 
 def test_a_trial_that_fails_is_an_outcome_with_its_reason(tmp_path: Path) -> None:
-    """A shaft of 9 cm, and objectives 12 cm inside."""
+    """A shaft of 11 cm, and objectives 14 cm inside."""
     (tmp_path / "far.py").write_text(FAR, encoding="utf-8")
     chosen = study(str(tmp_path / "far.py"), 1, seed=46)
     performed = perform(chosen, tmp_path / "out")
     (outcome,) = performed.outcomes
-    assert "the shaft is only 90.0 mm long" in outcome.failure
+    assert "the shaft is only 110.0 mm long" in outcome.failure
     assert math.isnan(outcome.rcm_rms_mm)
     assert not outcome.finished
     assert "1 trials failed; the first, operator 0: " in table(performed)
     assert not write_figures(performed)
+
+
+def test_hierarchical_qp_holds_tip_and_roll_as_one_level_with_its_own_gains() -> None:
+    law = Law("hierarchical-qp", options=(("gain", 50.0), ("K_c", 3.0)))
+    (trial,) = Study(operators=1, laws=(law,)).trials()
+    made = trial.controller(trial.made())
+    assert isinstance(made, HierarchicalQP)
+    assert made.options["levels"] == ["rcm", "tip + roll", "objective"]
+    assert made.backend == "active_set"
+    assert made.levels is not None
+    rcm, camera, own = made.levels
+    assert isinstance(rcm, RcmTask)
+    assert isinstance(camera, Together)
+    assert isinstance(own, ObjectiveTask)
+    assert {rcm.gain, *(task.gain for task in camera.tasks)} == {50.0}
+    assert own.K_c == 3.0
+    chosen = Law("hierarchical_qp", options=(("backend", "daqp"), ("K_c", 0.0)))
+    (trial,) = Study(operators=1, laws=(chosen,)).trials()
+    made = trial.controller(trial.made())
+    assert made.options["levels"] == ["rcm", "tip + roll"]
+    assert made.options["backend"] == "daqp"
 
 
 def test_what_cannot_be_made_is_found_before_the_work(short: str, tmp_path: Path) -> None:
@@ -210,7 +243,7 @@ def test_an_outcome_has_the_runs_own_numbers_and_the_traces_fit_them(short: str)
     assert_allclose(1e3 * traces["obstacle"].min(), outcome.obstacle_shaft_mm, rtol=1e-6)
     shaft = outcome.obstacle_shaft_mm + 1e3 * scenario.instrument.radius
     assert shaft == pytest.approx(outcome.obstacle_tip_mm)  # the tip is the nearest
-    assert_allclose(traces["tip"][0], [0.0, 0.0, 0.08], rtol=0, atol=1e-7)
+    assert_allclose(traces["tip"][0], [0.0, 0.0, 0.10], rtol=0, atol=1e-7)
 
 
 def test_a_record_survives_its_file(short: str, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -48,7 +47,14 @@ class HandMapping:
         if d < SHALLOWEST:
             d, w = SHALLOWEST, 0.0
         towards = view_of_tip((x, y, d), (u, v, w), tip_depth)
-        return dataclasses.replace(towards, t_z=d - tip_depth, t_z_dot=w)
+        return ViewCommand(
+            alpha=towards.alpha,
+            beta=towards.beta,
+            t_z=d - tip_depth,
+            alpha_dot=towards.alpha_dot,
+            beta_dot=towards.beta_dot,
+            t_z_dot=w,
+        )
 
     def way(self, p: Vector3, tip_depth: float) -> Vector3:
         """The hand's way (3,) [m] that brings the tip to ``p``; inverse of view().

@@ -4,26 +4,44 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from rcmqp.camera_task import clearance
+from rcmqp.dualquaternion import Array
 from rcmqp.instrument import Vector3
 from rcmqp.scene import Sphere
 
 CUT = 0.9
 """Share of the distance that start and goal have, up to which a way can keep its own."""
 
+PARTS = np.linspace(0.0, 1.0, 33)[:, None]
+"""Places of a way that are looked at, as parts of it."""
+
+
+def passing(start: Vector3, goal: Vector3, obstacle: Sphere) -> Array:
+    """How far (n,) [m] the shaft's axis is from the obstacle's centre along a straight way.
+
+    From the first place to the last; the shaft is all of it that is inside, trocar to tip.
+
+    Args:
+        start: (3,) of the tip, seen from the trocar, z into the patient [m].
+        goal: (3,) likewise.
+        obstacle: likewise.
+    """
+    first = np.array(start)
+    tip = first + PARTS * (np.array(goal) - first)
+    return clearance(tip, np.zeros_like(tip), obstacle) + obstacle.radius
+
 
 def is_clear(start: Vector3, goal: Vector3, obstacle: Sphere, distance: float) -> bool:
-    """Whether the straight way keeps its distance [m] from the obstacle's centre.
+    """Whether the shaft keeps its distance [m] from the obstacle's centre on the straight way.
 
-    A way cannot keep more than its ends have; the distance is cut to CUT times that.
+    A way cannot keep more than its ends have; the distance is cut to CUT times that. A way that
+    leads away from the obstacle is clear.
     """
-    way = [g - s for s, g in zip(start, goal, strict=True)]
-    seen = [c - s for s, c in zip(start, obstacle.centre, strict=True)]
-    length = math.hypot(*way)
-    along = sum(w * c for w, c in zip(way, seen, strict=True)) / max(length, 1e-12)
-    if not 0.0 < along < length:
-        return True
-    off = math.sqrt(max(math.hypot(*seen) ** 2 - along**2, 0.0))
-    return off >= _kept(start, goal, obstacle, distance)
+    away = passing(start, goal, obstacle)
+    nearest = int(np.argmin(away))
+    return nearest == 0 or bool(away[nearest] >= _kept(start, goal, obstacle, distance))
 
 
 def via_point(start: Vector3, goal: Vector3, obstacle: Sphere, distance: float) -> Vector3 | None:

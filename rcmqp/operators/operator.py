@@ -39,7 +39,9 @@ class Operator:
         tremor: rms of the free hand's tremor, each axis [m].
         tremor_frequency: [Hz].
         tremor_damping: damping ratio of the narrow band about it.
-        margin: distance that the shaft is meant to keep from the obstacle [m].
+        margin: distance that the shaft is meant to keep from the obstacle [m], had the way no
+            error.
+        caution: standard deviations of the way's own error that are kept on top of it.
         mass: of hand, handle and what moves with them [kg].
         stiffness: of the arm [N/m].
         damping: of the arm [N s/m].
@@ -66,6 +68,7 @@ class Operator:
     tremor_frequency: float = 10.0
     tremor_damping: float = 0.06
     margin: float = 5e-3
+    caution: float = 2.0
     mass: float = 0.35
     stiffness: float = 350.0
     damping: float = 12.0

@@ -75,10 +75,18 @@ class Eyes:
             ex * px + ey * py + ez * pz,
         )
 
-    def look(self, t: float, x: Array) -> None:
-        """The camera is at the effector pose x (8,) at ``t`` [s]."""
-        if not self._frames or t >= self._frames[-1].t + FRAME_TIME - 1e-9:
+    def look(self, t: float, x: Array) -> bool:
+        """The camera is at the effector pose x (8,) at ``t`` [s]; whether it takes an image."""
+        due = not self._frames or t >= self._frames[-1].t + FRAME_TIME - 1e-9
+        if due:
             self._frames.append(Frame(t, x))
+        return due
+
+    def frame(self, t: float) -> Frame:
+        """The image that has come to mind by ``t`` [s]: from ``delay`` ago."""
+        while len(self._frames) > 1 and self._frames[1].t <= t - self._operator.delay + 1e-9:
+            self._frames.popleft()
+        return self._frames[0]
 
     def perceive(self, t: float, goal: Vector3) -> Vector3 | None:
         """The way (3,) [m] to the goal, in the image's axes, as it seems at ``t`` [s].
@@ -90,9 +98,7 @@ class Eyes:
         Returns:
             None if the image shows none of the spheres.
         """
-        while len(self._frames) > 1 and self._frames[1].t <= t - self._operator.delay + 1e-9:
-            self._frames.popleft()
-        x = self._frames[0].x
+        x = self.frame(t).x
         turned = self._turned(x)
         tip = np.array(self.tip(x))
         shown = dq.rotate(turned, self._shown - tip)

@@ -3,12 +3,13 @@
 A source in brackets says how it is known. [V] was read: Riviere, Rader and Khosla 1997 (eye
 surgeons held an instrument still to 49 um rms; 98.9 % of voluntary movement is below 2 Hz);
 PMC3989364 (144 to 285 um in three dimensions, peak in 6 to 12 Hz); Muerbe 2001 (tremor at 8.1 Hz
-on average); PMC3032442 (15 to 254 um an axis). [M] is customary in the literature on manual
-control and quoted from memory: Meyer et al. 1988 and Crossman and Goodeve on submovements, Harris
-and Wolpert 1998 on noise in proportion to the signal, McRuer on the operator's delay, Fitts
-1954. [C] was fitted, for this project and before this study, so that the completion times of a
-kinematic model match the paper's mean and deviation: what these times come out as is no result.
-[A] is assumed.
+on average); PMC3032442 (15 to 254 um an axis); Seydell et al. 2008, PMC3844797 (people allow
+for the spread of their own movements near what they must not touch). [M] is customary in the
+literature on manual control and quoted from memory: Meyer et al. 1988 and Crossman and Goodeve on
+submovements, Harris and Wolpert 1998 on noise in proportion to the signal, McRuer on the
+operator's delay, Fitts 1954. [C] was fitted, for this project and before this study, so that the
+completion times of a kinematic model match the paper's mean and deviation: what these times come
+out as is no result. [A] is assumed.
 """
 
 from __future__ import annotations
@@ -169,7 +170,10 @@ PARAMETERS: Mapping[str, Parameter] = {
         (5e-3, 0.35),
         2e-3,
         12e-3,
-        "[A] about the shaft's radius; who is less sure keeps wider (Trommershaeuser et al. 2003)",
+        "[A] about the shaft's radius",
+    ),
+    "caution": _fixed(
+        "1", 2.0, 0.0, 3.0, "[A]; that people allow for their own spread: [V] Seydell et al. 2008"
     ),
     "mass": _fixed("kg", 0.35, 0.2, 1.0, "[M] hand and handle"),
     "stiffness": _fixed("N/m", 350.0, 100.0, 800.0, "[M] a relaxed to a firm arm"),

@@ -11,7 +11,7 @@ from rcmqp.devices import Encoder, HandMapping, HandView, Omega7
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import Insertion
 from rcmqp.instrument import Vector3
-from rcmqp.operators.detour import is_clear, via_point
+from rcmqp.operators.detour import is_clear, passing, via_point
 from rcmqp.operators.hand import Hand
 from rcmqp.operators.operator import Operator
 from rcmqp.operators.perception import Eyes
@@ -35,9 +35,18 @@ class Steering:
     Before each objective the operator looks at the pictures; then submovements follow each
     other. Each is decided on what the camera showed ``delay`` ago: the perceived way to the goal
     in the image's axes, short by ``gain``, scattered by the noise of the muscles. The
-    next one is decided when the last has been seen to end, and not before ``interval``. Round
-    the obstacle the operator goes by way of a point beside it, until that seems near and the
-    straight way to the objective clear by half the margin; or near for the second time.
+    next one is decided when the last has been seen to end, and not before ``interval``. Where
+    nothing is to be seen, the hand goes half-way back to where it started and all was in view;
+    further out of the patient than that it is never meant to go.
+
+    Round the obstacle the operator goes by way of a point beside it, until that seems near and
+    the straight way to the objective clear; or near for the second time. The point is such that
+    the shaft would keep the margin and ``caution`` standard deviations of what the last part of
+    the way, without correction, would be off when it passes; clear is a way that keeps half of
+    that. A movement under way is watched, image by image: if what is left of it would take the
+    shaft to within half the margin, the next one is decided at once. Where a movement leads is
+    seen in how the image flows, to about a degree (Warren, Morris and Kalish 1988, from memory),
+    so this is taken to be without error.
 
     Where the goal is, the operator knows from comparing the camera's image with the picture;
     neither joints nor poses, nor which controller moves the arm.
@@ -66,13 +75,12 @@ class Steering:
         self._view = HandView(mapping, insertion.tip_depth)
         self._eyes = Eyes(operator, task, insertion, np.random.default_rng(perception))
         self._rng = np.random.default_rng(movement)
-        touching = task.obstacle_radius + insertion.instrument.radius
-        self._clear = touching + operator.margin
-        self._turn = touching + operator.margin / 2.0
+        self._touching = task.obstacle_radius + insertion.instrument.radius
         self._scale = mapping.scale
         self._move = Submovement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 1.0)
         self.objective = 0
         self._via: Vector3 | None = None
+        self._turn = 0.0
         self._start_objective(0.0, (0.0, 0.0, insertion.tip_depth))
 
     def command(self, t: float, x: Array) -> ViewCommand | None:
@@ -88,8 +96,8 @@ class Steering:
             if self.objective == len(self._targets):
                 return None
             self._start_objective(t, tip)
-        self._eyes.look(t, x)
-        if t >= self._next:
+        new = self._eyes.look(t, x)
+        if t >= self._next or (new and self._goes_astray(t)):
             self._decide(t)
         state = self._encoder.read(self._hand.position)
         self._hand.step(self._move.position(t))
@@ -97,10 +105,40 @@ class Steering:
 
     def _start_objective(self, t: float, tip: Vector3) -> None:
         """The pictures of the next objective are shown at ``t`` [s]."""
-        goal = self._targets[self.objective]
-        self._via = via_point(tip, goal, self._task.obstacle, self._clear)
+        goal, obstacle = self._targets[self.objective], self._task.obstacle
+        operator, touching = self._operator, self._touching
+        self._via = via_point(tip, goal, obstacle, touching + operator.margin)
+        if self._via is not None:
+            wanted = operator.margin + operator.caution * self._passing_error(self._via, goal)
+            self._via = via_point(tip, goal, obstacle, touching + wanted)
+            self._turn = touching + wanted / 2.0
         self._passed = False
-        self._next = t + self._operator.delay + self._recognition[self.objective]
+        self._next = t + operator.delay + self._recognition[self.objective]
+
+    def _passing_error(self, start: Vector3, goal: Vector3) -> float:
+        """Standard deviation [m] of a movement's error in the middle of a way.
+
+        Half of that at its end: the muscles' noise, and the error of what is seen in depth.
+        """
+        operator, length = self._operator, math.dist(start, goal)
+        deep = operator.floor_depth + operator.weber_depth * abs(goal[2] - start[2])
+        deep += operator.weber_cross * length
+        return 0.5 * math.hypot(operator.motor_noise * length, deep)
+
+    def _goes_astray(self, t: float) -> bool:
+        """Whether the rest of the movement, as seen at ``t`` [s], leads to the obstacle."""
+        move, operator = self._move, self._operator
+        if not move.begin + operator.interval <= t < move.begin + move.duration:
+            return False
+        frame = self._eyes.frame(t)
+        seen, gone = self._eyes.tip(frame.x), move.position(frame.t)
+        x, y, z = (
+            p + self._scale * (a + w - h)
+            for p, a, w, h in zip(seen, move.start, move.way, gone, strict=True)
+        )
+        away = passing(seen, (x, y, z), self._task.obstacle)
+        nearest = int(np.argmin(away))
+        return nearest > 0 and bool(away[nearest] < self._touching + operator.margin / 2.0)
 
     def _decide(self, t: float) -> None:
         """Begin a submovement at ``t`` [s]."""
@@ -115,13 +153,13 @@ class Steering:
             if self._via is None:
                 away = self._eyes.perceive(t, goal)
         here = self._move.position(t)
-        if away is None:  # nothing to be seen: back to where there was
-            x, y, z = (a - b for a, b in zip(self._move.start, here, strict=True))
+        if away is None:  # nothing to be seen: back towards where there was
+            x, y, z = (-0.5 * a for a in here)
         else:
             x, y, z = (operator.gain * a / self._scale for a in away)
         length = math.hypot(x, y, z)
         noise = (operator.motor_noise * length * self._rng.normal(size=3)).tolist()
-        way = (x + noise[0], y + noise[1], z + noise[2])
+        way = (x + noise[0], y + noise[1], max(z + noise[2], -here[2]))
         lasts = duration(operator, math.hypot(*way))
         self._move = Submovement(here, way, t, lasts)
         self._next = t + max(operator.interval, lasts + 0.9 * operator.delay)

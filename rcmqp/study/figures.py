@@ -26,6 +26,12 @@ SPHERES = ((0.84, 0.37, 0.0), (0.94, 0.89, 0.26), (0.0, 0.62, 0.45), (0.0, 0.45,
 """Colours of the objectives' spheres, of Okabe and Ito's palette, in their order."""
 
 OBSTACLE = (0.62, 0.62, 0.66)
+PAPER_TIMES = dict(zip(GROUPS, (84.0, 52.0), strict=True))
+"""Mean completion times of the paper's two groups [s]."""
+
+PAPER_ERROR = 0.34
+"""The paper's effector error, rms [mm]; of which point is not said."""
+
 GROUP_COLOURS = dict(zip(GROUPS, ("#D55E00", "#0072B2"), strict=True))
 
 
@@ -116,6 +122,8 @@ def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
     half = 1e3 * path.task.side / 2.0 + 15.0
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(high, low))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
+    ticks = np.arange(-math.floor(half / 20.0) * 20.0, half, 20.0)
+    axes.set(xticks=ticks[np.abs(ticks) < half - 5.0], yticks=ticks[np.abs(ticks) < half - 5.0])
     axes.set_box_aspect((2 * half, 2 * half, high - low), zoom=0.85)
     axes.view_init(elev=28, azim=-62)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
@@ -131,6 +139,11 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     whole, legs, errors = figure.subplots(1, 3)
     _boxes(whole, [[o.completion_s for o in _of(outcomes, group)] for group in GROUPS], GROUPS)
+    for i, group in enumerate(GROUPS):
+        label = "the paper's mean" if i == 0 else None
+        mean = PAPER_TIMES[group]
+        whole.plot([i + 0.7, i + 1.3], [mean, mean], "k--", label=label)
+    whole.legend(fontsize=8)
     whole.set_ylabel("completion time [s]")
     for group in GROUPS:
         times = np.array([(0.0, *o.reached_s) for o in _of(outcomes, group) if o.finished])
@@ -154,6 +167,9 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
     sets = [[getattr(o, name) for o in _of(outcomes, group)] for name in names for group in GROUPS]
     labels = [f"{what},\n{group}" for what in ("effector", "tip") for group in GROUPS]
     _boxes(errors, sets, labels)
+    errors.axhline(PAPER_ERROR, color="black", linestyle="--", label="the paper's mean")
+    errors.set_ylim(0.0, 1.1 * max(errors.get_ylim()[1], PAPER_ERROR))
+    errors.legend(fontsize=8)
     errors.tick_params(axis="x", labelsize=7)
     errors.set_ylabel("error, rms [mm]")
     return figure
@@ -161,7 +177,7 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
 
 def _boxes(axes: Axes, sets: Sequence[Sequence[float]], labels: Sequence[str]) -> None:
     clean = [[value for value in values if not math.isnan(value)] for values in sets]
-    axes.boxplot(clean, tick_labels=list(labels), widths=0.5)
+    axes.boxplot(clean, tick_labels=list(labels), widths=0.5, showfliers=False)
     for i, values in enumerate(clean):
         x = i + 1 + np.linspace(-0.12, 0.12, max(len(values), 1))[: len(values)]
         axes.plot(x, values, ".", color=list(GROUP_COLOURS.values())[i % 2], alpha=0.7)

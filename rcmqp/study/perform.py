@@ -12,7 +12,7 @@ from joblib import Parallel, delayed
 
 from rcmqp.errors import RcmqpError, RunFileError
 from rcmqp.run import make_folder
-from rcmqp.simulate import simulate
+from rcmqp.simulate import simulate, versions
 from rcmqp.study.outcome import Outcome, outcome_of
 from rcmqp.study.plan import Study, Trial
 from rcmqp.study.record import SUFFIX, Record, sweep
@@ -100,8 +100,9 @@ def perform(
                 "study again, it goes on from there",
             )
         report("trials", 1, len(trials))
-    outcomes = [Record.load(trial_file(folder, trial)).outcome for trial in trials]
-    return Performed(study, folder, outcomes, notes)
+    records = [Record.load(trial_file(folder, trial)) for trial in trials]
+    notes += _other_versions(records)
+    return Performed(study, folder, [record.outcome for record in records], notes)
 
 
 def run_trial(trial: Trial, folder: Path) -> tuple[str, str] | None:
@@ -129,6 +130,20 @@ def run_trial(trial: Trial, folder: Path) -> tuple[str, str] | None:
     except RunFileError as error:
         return str(error.path), error.reason
     return None
+
+
+def _other_versions(records: Sequence[Record]) -> list[str]:
+    """What there is to say of trials that other versions of rcmqp or its packages ran."""
+    now = versions()
+    other = [record.versions for record in records if record.versions != now]
+    if not other:
+        return []
+    names = sorted({name for found in other for name in now if found.get(name) != now[name]})
+    told = ", ".join(f"{name} {other[0].get(name, 'unknown')} (now {now[name]})" for name in names)
+    return [
+        f"{len(other)} of {len(records)} trials were run by other versions, the first by {told}; "
+        "to compare like with like, run the study in another folder"
+    ]
 
 
 def _missing(trial: Trial, folder: Path) -> list[str]:

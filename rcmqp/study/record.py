@@ -8,7 +8,7 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,13 @@ class Record:
         outcome: its numbers.
         scenario: the scenario as JSON, operator and seed in it.
         traces: see TRACES; none of a trial that failed.
+        versions: of what ran it, see simulate.versions(); not part of the digest.
     """
 
     outcome: Outcome
     scenario: str
     traces: Mapping[str, Array]
+    versions: Mapping[str, str] = field(default_factory=versions)
 
     @property
     def digest(self) -> str:
@@ -67,7 +69,7 @@ class Record:
             file.attrs["format_version"] = FORMAT_VERSION
             file.attrs["scenario"] = self.scenario
             file.attrs["outcome"] = _json(self.outcome)
-            file.attrs["versions"] = json.dumps(versions())
+            file.attrs["versions"] = json.dumps(self.versions)
             file.attrs["digest"] = self.digest
             for name, values in self.traces.items():
                 dataset = file.create_dataset(name, data=values, compression="gzip")
@@ -101,6 +103,7 @@ class Record:
                     Outcome(**numbers),
                     file.attrs["scenario"],
                     {name: data[()] for name, data in file.items()},
+                    json.loads(file.attrs["versions"]),
                 )
                 digest = file.attrs["digest"]
         except (OSError, AttributeError, KeyError, ValueError, TypeError, RuntimeError) as error:
