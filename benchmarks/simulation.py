@@ -14,6 +14,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported
 import rcmqp
 from rcmqp.compare import cases, compare
 from rcmqp.controllers import Controller
+from rcmqp.loading import arm_names
 from rcmqp.reference import Reference
 from rcmqp.simulate import record
 
@@ -56,9 +57,8 @@ def added(scenario: rcmqp.Scenario, law: str, rounds: int) -> str:
 
 
 def jobs(duration: float, rounds: int) -> str:
-    """A row: seconds on the clock of 8 runs in one process and in two, least of several rounds."""
-    laws = [*LAWS, "damped", "task_priority"]
-    todo = cases(["conical_helix"], ["lwa3", "panda"], laws, {"duration": duration})
+    """A row: seconds on the clock of 16 runs in one process and in two, least of several rounds."""
+    todo = cases(["conical_helix"], arm_names(), LAWS, {"duration": duration})
     times: dict[int, list[float]] = {1: [], 2: []}
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(rounds):
