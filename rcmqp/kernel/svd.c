@@ -2,8 +2,10 @@
 
 #include <math.h>
 
-/* Two rows whose cosine is below this are orthogonal. */
+/* Two rows whose cosine is below this are orthogonal: for vectors; for values alone, which err by
+ * its square. */
 #define ENOUGH 1e-15
+#define ENOUGH_FOR_VALUES 1e-9
 
 #define MOST_SWEEPS 30
 
@@ -30,6 +32,7 @@ static inline void rotate(double *restrict a, double *restrict b, double cosine,
  * unrolled. Squared lengths follow the rotations and are made anew once a sweep. */
 static inline void orthogonalise(double *G, int r, int m, double *W, double *s)
 {
+    const double enough = W == NULL ? ENOUGH_FOR_VALUES : ENOUGH;
     double square[RANK];
     for (int i = 0; W != NULL && i < r * r; ++i) W[i] = i % (r + 1) == 0 ? 1.0 : 0.0;
     int turned = 1;
@@ -41,7 +44,7 @@ static inline void orthogonalise(double *G, int r, int m, double *W, double *s)
             if (j >= r) continue;
             double *g = G + i * m, *h = G + j * m;
             const double c = dot(g, h, m);
-            if (!(c * c > ENOUGH * ENOUGH * square[i] * square[j])) continue;
+            if (!(c * c > enough * enough * square[i] * square[j])) continue;
             const double apart = square[j] - square[i];
             const double size = sqrt(apart * apart + 4.0 * c * c), sum = fabs(apart) + size;
             const double cosine = sqrt(sum / (2.0 * size)), t = copysign(2.0, apart) * c / sum;
