@@ -69,6 +69,14 @@ static inline npy_intp size_of(PyObject *object)
     return PyArray_Check(object) ? PyArray_SIZE((PyArrayObject *)object) : -1;
 }
 
+/* Whether there are as many arguments as expected, with a Python error if not. */
+static inline int counted(const char *name, Py_ssize_t count, Py_ssize_t expected)
+{
+    if (count == expected) return 1;
+    PyErr_Format(PyExc_TypeError, "%s() takes %zd arguments, %zd given", name, expected, count);
+    return 0;
+}
+
 /* Scratch of at least `count` numbers, the same memory for every call: the GIL is held. */
 Arena *scratch(size_t count);
 

@@ -15,14 +15,6 @@ static PyObject *table(npy_intp rows, npy_intp columns, double **numbers)
     return array;
 }
 
-/* Whether there are as many arguments as expected, with a Python error if not. */
-static int counted(const char *name, Py_ssize_t count, Py_ssize_t expected)
-{
-    if (count == expected) return 1;
-    PyErr_Format(PyExc_TypeError, "%s() takes %zd arguments, %zd given", name, expected, count);
-    return 0;
-}
-
 /* store(table, k, array, ...): the arrays' numbers, one array after the other, fill row k. */
 PyObject *store(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {

@@ -173,10 +173,7 @@ static void copy_box(Hierarchy *hierarchy, double *lower, double *upper, Arena *
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (count != 12) {
-        PyErr_Format(PyExc_TypeError, "solve() takes 12 arguments, %zd given", count);
-        return NULL;
-    }
+    if (!counted("solve", count, 12)) return NULL;
     const npy_intp m = size_of(args[6]), rows = size_of(args[1]);
     const npy_intp n = rows > 0 ? size_of(args[0]) / rows : 0;
     Hierarchy hierarchy = {
@@ -237,10 +234,7 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (count != 18) {
-        PyErr_Format(PyExc_TypeError, "step() takes 18 arguments, %zd given", count);
-        return NULL;
-    }
+    if (!counted("step", count, 18)) return NULL;
     if (!PyTuple_Check(args[17]) || PyTuple_GET_SIZE(args[17]) != size_of(args[2]) + 3) {
         PyErr_SetString(PyExc_ValueError, "names must be a tuple, three more than there are levels");
         return NULL;

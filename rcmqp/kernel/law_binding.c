@@ -17,14 +17,6 @@ static PyObject *vector(npy_intp size, double **numbers)
     return array;
 }
 
-/* Whether there are as many arguments as expected, with a Python error if not. */
-static int counted(const char *name, Py_ssize_t count, Py_ssize_t expected)
-{
-    if (count == expected) return 1;
-    PyErr_Format(PyExc_TypeError, "%s() takes %zd arguments, %zd given", name, expected, count);
-    return 0;
-}
-
 /* Columns of a C-contiguous array (..., 6, n), or -1 with a Python error. */
 static npy_intp joints_of(PyObject *object, int dimensions)
 {

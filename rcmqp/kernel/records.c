@@ -65,10 +65,7 @@ PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count)
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (count != 3) {
-        PyErr_Format(PyExc_TypeError, "moved() takes 3 arguments, %zd given", count);
-        return NULL;
-    }
+    if (!counted("moved", count, 3)) return NULL;
     const double dt = PyFloat_AsDouble(args[2]);
     if (PyErr_Occurred()) return NULL;
     PyArrayObject *q = numbers_in(args[0]), *v = q == NULL ? NULL : numbers_in(args[1]);
@@ -92,10 +89,7 @@ PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count)
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (count != 1) {
-        PyErr_Format(PyExc_TypeError, "all_finite() takes 1 argument, %zd given", count);
-        return NULL;
-    }
+    if (!counted("all_finite", count, 1)) return NULL;
     PyArrayObject *array = numbers_in(args[0]);
     if (array == NULL) return NULL;
     const double *numbers = PyArray_DATA(array);

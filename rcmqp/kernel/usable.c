@@ -35,10 +35,7 @@ PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count)
     static const npy_intp sizes[6] = {-1, -1, 8, 8, 3, 3};
     const double *numbers, *x_d = NULL;
     (void)self;
-    if (count != 8) {
-        PyErr_Format(PyExc_TypeError, "usable() takes 8 arguments, %zd given", count);
-        return NULL;
-    }
+    if (!counted("usable", count, 8)) return NULL;
     if (!is_readable(args[0])) Py_RETURN_FALSE;
     for (int i = 0; i < 6; ++i) {
         if (!vector_of(args[i + 1], sizes[i], &numbers)) Py_RETURN_FALSE;
