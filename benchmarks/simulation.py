@@ -57,7 +57,7 @@ def added(scenario: rcmqp.Scenario, law: str, rounds: int) -> str:
 
 
 def jobs(duration: float, rounds: int) -> str:
-    """A row: seconds on the clock of 16 runs in one process and in two, least of several rounds."""
+    """A row: seconds on the clock of 16 runs in one process and in two, the least of several."""
     todo = cases(["conical_helix"], arm_names(), LAWS, {"duration": duration})
     times: dict[int, list[float]] = {1: [], 2: []}
     with tempfile.TemporaryDirectory() as folder:

@@ -105,8 +105,8 @@ class Planner:
         """The reference of this cycle, on the way to ``reference``.
 
         Its derivative is the velocity of the part that follows: zero at the last one. A reference
-        that is not finite, as of a trocar that was not seen, is answered as it is, so that the
-        controller stops; the way goes on from where it was with the next one.
+        that is no pose, or not finite, as of a trocar that was not seen, is answered as it is, so
+        that the controller stops; the way goes on from where it was with the next one.
         """
         self._x, self._target, self._left, x_d, x_d_dot, moved = _kernel.approach(
             self.x_rcm,

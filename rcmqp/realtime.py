@@ -8,9 +8,9 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,12 +80,13 @@ def run_realtime(
     took: read, reference, control, send. A command that leaves after the next cycle is due has
     missed its deadline; cycles that are over by then are skipped, not made up for.
 
-    Every run ends in the safe stop ``brake``: at the end of ``duration``, on Ctrl-C, and at once
-    where a reading or a command is not finite, the reference is stale, a command would be late
-    by more than ``lateness``, or anything raises an exception. From the last velocity sent, all
-    joints slow down in proportion, which keeps the shaft on the trocar to first order, as fast as
-    their acceleration limits allow; where that would carry one over a position limit, each slows
-    down by itself as fast as it may. Zero is then held for 0.2 s. No command is sent twice.
+    Every run ends in the safe stop ``brake``: at the end of ``duration``, on Ctrl-C or SIGTERM,
+    and at once where a reading or a command is not finite, the reference is stale, a command
+    would be late or took to send by more than ``lateness``, or anything raises an exception. From
+    the last velocity sent the joints slow down as fast as their acceleration limits allow, the
+    shaft staying on the trocar, see braking(); where that would carry one over a position limit,
+    each slows down by itself as fast as it may. Zero is then held for 0.2 s. No command is sent
+    twice. That a reading is old the loop cannot tell: read() has to raise where its newest one is.
 
     The controller is told the velocity that was sent last, as simulate() does: a measured one lags
     behind, and is used at the start only. Where the controller itself answers with its safe stop,
@@ -125,7 +126,7 @@ def run_realtime(
     timing = Deadlines(period, spin, clock, sleep)
     loop = _Loop(robot, controller, references, timing, reference_age, lateness)
     loop.warm_up()
-    with _no_garbage_collection():
+    with _no_garbage_collection(), _on_signals(TERMINATES):
         return loop.run(duration)
 
 
@@ -146,6 +147,7 @@ class _Loop:
         self.reference_age, self.lateness = reference_age, lateness
         self.arm = controller.insertion.arm
         self.v, self.angles = np.zeros(self.arm.nv), self.arm.home
+        self.pivot = np.array(controller.insertion.trocar.pivot)
         self.controller_stops = self.unsent = 0
 
     def warm_up(self) -> None:
@@ -190,7 +192,10 @@ class _Loop:
             raise LoopFault(f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s")
         self.robot.send(v)
         self.v = v
+        held = self.timing.now() - self.timing.due
         self.timing.sent()
+        if held > self.lateness:
+            raise LoopFault(f"send() took until {held:.4g} s, allowed {self.lateness:.4g} s")
 
     def _read(self) -> tuple[Array, Array]:
         """Configuration (nq,) and joint velocity (nv,) [rad/s] as measured now.
@@ -207,6 +212,11 @@ class _Loop:
     def _command(self, now: float, q: Array) -> Array:
         """What the controller answers to a reading of q (nq,) and the newest reference."""
         newest = self.references(now)
+        if not isinstance(newest, Stamped):
+            raise InvalidCommand(
+                f"references({now:.4g}) answered a {type(newest).__name__}; it must be "
+                "Stamped(reference, at)"
+            )
         if not now - newest.at <= self.reference_age:
             raise LoopFault(
                 f"the newest reference is {now - newest.at:.4g} s old, allowed "
@@ -224,15 +234,18 @@ class _Loop:
             raise InvalidCommand(f"{self.controller.name} answered {command}, not {self.v.shape}")
         command.setflags(write=False)
         self.angles = state.angles
+        if np.isfinite(newest.reference.pivot).all():
+            self.pivot = np.asarray(newest.reference.pivot, dtype=float)
         self.controller_stops += answer.diagnostics.get("safe_stop", 0.0) > 0.0
         return command
 
     def _brake(self) -> int:
         """The safe stop, sent whatever else fails; in how many cycles."""
         before = self.timing.cycles
-        with _no_interrupts():
+        with _on_signals(IGNORED):
             for v in self._to_rest():
-                self._wait_through()
+                with contextlib.suppress(Exception):  # what cannot wait must still stop
+                    self._wait_through()
                 with contextlib.suppress(Exception, KeyboardInterrupt):  # not what moves the arm
                     self.robot.read()
                 try:
@@ -243,17 +256,14 @@ class _Loop:
                     self.timing.sent()
         return self.timing.cycles - before
 
-    def _to_rest(self) -> Array:
-        """Velocities (cycles, nv) of the safe stop; zero at once if they cannot be found."""
-        hold = np.zeros((math.ceil(HOLD / self.timing.period), self.arm.nv))
-        try:
-            stop = np.concatenate(
-                [braking(self.arm, self.angles, self.v, self.timing.period), hold]
-            )
-        except (Exception, KeyboardInterrupt):  # noqa: BLE001  (to stop comes first)
-            stop = hold
-        stop.setflags(write=False)
-        return stop
+    def _to_rest(self) -> Iterator[Array]:
+        """Velocities (nv,) of the safe stop; zero at once if they cannot be found."""
+        insertion, T = self.controller.insertion, self.timing.period
+        zero = np.zeros(self.arm.nv)
+        zero.setflags(write=False)
+        with contextlib.suppress(Exception, KeyboardInterrupt):  # to stop comes first
+            yield from braking(insertion, self.angles, self.v, T, self.pivot)
+        yield from [zero] * math.ceil(HOLD / T)
 
     def _wait_through(self) -> None:
         """Wait for the next cycle, whatever the user presses."""
@@ -266,16 +276,28 @@ class _Loop:
 
 
 @contextlib.contextmanager
-def _no_interrupts() -> Iterator[None]:
-    """Ctrl-C does nothing in here, where this is the main thread: the arm is being stopped."""
+def _on_signals(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
+    """What signals do in here, where this is the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _terminate(number: int, frame: object) -> None:
+    """Leave as on sys.exit(), by way of the safe stop."""
+    raise SystemExit(128 + number)
+
+
+TERMINATES = {signal.SIGTERM: _terminate}
+
+IGNORED = {signal.SIGINT: signal.SIG_IGN, signal.SIGTERM: signal.SIG_IGN}
+"""While the arm is being stopped."""
 
 
 @contextlib.contextmanager

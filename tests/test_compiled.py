@@ -221,3 +221,6 @@ def test_least_singular_values_are_those_of_lapack(n: int) -> None:
     J = rng.normal(size=(50, 6, n)) * 10.0 ** rng.uniform(-3.0, 0.0, size=(50, 6, 1))
     found = _kernel.least_singular_values(J)
     assert_allclose(found, np.linalg.svd(J, compute_uv=False)[:, -1], rtol=1e-9, atol=1e-15)
+    twins = np.eye(6, n)[None]
+    twins[0, 1, 0] = 0.9e-9  # equal values, rows that are hardly not orthogonal
+    assert_allclose(_kernel.least_singular_values(twins), 1.0, rtol=1e-9)

@@ -266,11 +266,14 @@ def test_a_planner_that_was_reset_is_as_new() -> None:
     assert planner.step(near) is near
 
 
-@pytest.mark.parametrize("name", ["x_d", "pivot", "pivot_dot"])
-def test_a_reference_that_is_no_number_leaves_the_plan_where_it_was(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [("x_d", np.nan), ("pivot", np.nan), ("pivot_dot", np.nan), ("x_d", 0.0), ("x_d", 1.00001)],
+)
+def test_a_reference_that_is_no_pose_leaves_the_plan_where_it_was(name: str, by: float) -> None:
     x_rcm = random_rcm()
     far = view_pose(x_rcm, FAR_VIEWS[0])
-    lost = dataclasses.replace(far, **{name: np.full_like(getattr(far, name), np.nan)})
+    lost = dataclasses.replace(far, **{name: by * getattr(far, name)})
     planner, undisturbed = (Planner(x_rcm, 9, PERIOD) for _ in range(2))
     for cycle in range(15):
         if cycle in (0, 4, 13):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import gc
 import io
+import os
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -408,20 +410,104 @@ def test_a_fault_before_the_loop_is_raised_and_nothing_is_sent(insertion: rcmqp.
     assert robot.sent == []
 
 
+def test_a_send_that_hangs_is_a_fault(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, clock := Clock())
+
+    def hang(k: int) -> None:
+        clock.now += 3.0 * (k == 10)
+
+    robot.on_send = hang
+    report = run(robot, 5.0)
+    assert "LoopFault: send() took until 3" in report.stop.fault
+    assert len(robot.sent) == 11 + report.braking
+    assert (robot.v == 0.0).all()
+
+
+def test_a_reference_without_its_time_is_refused_before_the_loop(
+    insertion: rcmqp.Insertion,
+) -> None:
+    def bare(t: float) -> Any:
+        return view(insertion, t).reference
+
+    with pytest.raises(RcmqpError, match=r"Stamped\(reference, at\)"):
+        run(Arm(insertion, Clock()), references=bare)
+
+
+def test_a_clock_that_cannot_wait_stops_the_arm_all_the_same(insertion: rcmqp.Insertion) -> None:
+    robot = Arm(insertion, clock := Clock())
+    usual = clock.sleep
+
+    def broken(duration: float) -> None:
+        if len(robot.sent) >= 10:
+            raise OSError("no timer")
+        usual(duration)
+
+    clock.sleep = broken  # type: ignore[method-assign]
+    report = run(robot, 1.0)
+    assert report.stop.fault == "OSError: no timer"
+    assert (robot.v == 0.0).all()
+
+
+def test_being_terminated_ends_in_the_safe_stop(insertion: rcmqp.Insertion) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+
+    def terminated(k: int) -> None:
+        if k in (10, 12):  # again while it brakes
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    robot = Arm(insertion, Clock(), on_read=terminated)
+    with pytest.raises(SystemExit) as ended:
+        run(robot, 1.0)
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert len(robot.sent) > 10 + HELD
+    assert (robot.v == 0.0).all()
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
 # The safe stop -----------------------------------------------------------------------------
+
+
+def stopped(insertion: rcmqp.Insertion, angles: Array, v: Array) -> Array:
+    return np.array(list(braking(insertion, angles, v, T, np.array(insertion.trocar.pivot))))
 
 
 def test_braking_slows_all_joints_in_proportion_and_as_fast_as_they_may(
     insertion: rcmqp.Insertion,
 ) -> None:
     arm, v = insertion.arm, np.array([0.3, -0.2, 0.1, 0.05, 0.0, -0.4, 0.2])
-    found = braking(arm, insertion.angles_start, v, T)
+    found = stopped(insertion, insertion.angles_start, v)
     shares = found[:, 0] / v[0]
     np.testing.assert_allclose(found, shares[:, None] * v, rtol=0, atol=1e-15)
     fastest = np.max(np.abs(np.diff(found, axis=0, prepend=v[None])) / (arm.acceleration * T))
     assert 0.95 < fastest <= 1.0
     assert len(found) == np.ceil(np.max(np.abs(v) / (arm.acceleration * T)))
     assert (found[-1] == 0.0).all()
+
+
+def test_braking_keeps_the_shaft_on_the_trocar_at_full_speed(insertion: rcmqp.Insertion) -> None:
+    """Where slowing down in proportion leaves it by millimetres."""
+    arm, controller = insertion.arm, rcmqp.make_controller("hierarchical_qp", insertion, T)
+    reference = rcmqp.view_pose(insertion.x_rcm, rcmqp.ViewCommand(alpha=1.0))
+    q, v = insertion.q_start, np.zeros(7)
+    for _ in range(400):
+        angles = arm.angles(q)
+        v = controller.step(insertion.state(q, v), reference).v
+        q = arm.integrate(q, v, T)
+    assert np.abs(v).max() > 2.0
+    found = stopped(insertion, angles, v)
+    changes = np.abs(np.diff(found, axis=0, prepend=v[None]))
+    assert (changes <= arm.acceleration * T * (1.0 + 1e-9)).all()
+    together = np.linspace(1.0, 0.0, 1 + len(found))[1:, None] * v
+    errors = []
+    for commands in (found, together):
+        end, worst = q, 0.0
+        for velocity in commands:
+            end = arm.integrate(end, velocity, T)
+            x = insertion.state(end).x
+            worst = max(worst, float(rcm_error(x, insertion.trocar.pivot)))
+        errors.append(worst)
+    assert errors[0] < 3e-5
+    assert errors[1] > 2e-3
 
 
 def test_braking_keeps_the_shaft_on_the_trocar(insertion: rcmqp.Insertion) -> None:
@@ -449,7 +535,7 @@ def test_braking_stays_inside_the_position_limits_where_each_joint_could(
     v[1], v[6] = 1.0, 0.5
     angles = np.array(insertion.angles_start)
     angles[6] = arm.upper[6] - T * v[6] - 0.55 * v[6] ** 2 / arm.acceleration[6]
-    found = braking(arm, angles, v, T)
+    found = stopped(insertion, angles, v)
     ends = angles + T * (v + found.sum(axis=0))
     assert (ends <= arm.upper).all()
     assert np.all(np.abs(np.diff(found, axis=0, prepend=v[None])) <= arm.acceleration * T + 1e-12)
@@ -473,7 +559,8 @@ def test_braking_is_at_once_where_no_acceleration_limit_is_known(
 ) -> None:
     arm = insertion.arm.with_effector(pin.SE3.Identity())
     arm.acceleration = np.full(7, np.inf)
-    found = braking(arm, insertion.angles_start, np.full(7, 0.3), T)
+    insertion.arm = arm
+    found = stopped(insertion, insertion.angles_start, np.full(7, 0.3))
     assert found.shape == (1, 7)
     assert (found == 0.0).all()
 

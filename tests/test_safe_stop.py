@@ -28,7 +28,7 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.arm import ArmState
-from rcmqp.braking import braking
+from rcmqp.braking import slower
 from rcmqp.console import warnings
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.dualquaternion import Array
@@ -112,10 +112,10 @@ def test_braking_ends_at_rest_as_fast_as_accelerations_allow(share: float) -> No
     v, steps = share * arm.velocity * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), 0
     cycles = math.ceil(np.max(np.abs(v) / (T * arm.acceleration)) - 1e-9)
     while v.any():
-        slower = braking(arm, angles, v, T)[0]
-        assert (slower * v >= 0.0).all()
-        assert (np.abs(slower - v) <= T * arm.acceleration * (1.0 + 1e-9)).all()
-        v, steps = slower, steps + 1
+        less = slower(arm, angles, v, T)
+        assert (less * v >= 0.0).all()
+        assert (np.abs(less - v) <= T * arm.acceleration * (1.0 + 1e-9)).all()
+        v, steps = less, steps + 1
     assert steps == cycles
 
 
@@ -156,13 +156,13 @@ def test_braking_heeds_the_limits_of_joints_that_move_and_are_read_only(
     arm, angles = inserted().arm, inserted().angles_start.copy()
     v, most = np.array([0.4, -0.4, 0.1, -0.1, 0.2, 0.4, 0.3]), T * arm.acceleration
     angles[1], v[1] = arm.upper[1] + beyond_upper, speed
-    found = braking(arm, angles, v, T)
+    found = slower(arm, angles, v, T)
     cycles = math.ceil(np.max(np.abs(v) / most) - 1e-9)
-    assert_allclose(found[0], v * (1.0 - 1.0 / cycles), rtol=0, atol=1e-15)
+    assert_allclose(found, v * (1.0 - 1.0 / cycles), rtol=0, atol=1e-15)
     angles[6] = arm.upper[6] - 1e-6  # this one moves out, and each must see for itself
-    found = braking(arm, angles, v, T)
+    found = slower(arm, angles, v, T)
     alone = np.sign(v) * np.maximum(np.abs(v) - most, 0.0)
-    assert_allclose(found[0], alone, rtol=0, atol=1e-15)
+    assert_allclose(found, alone, rtol=0, atol=1e-15)
 
 
 class Law(Controller):

@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmqp._kernel import all_finite, record
 from rcmqp.arm import ArmState
-from rcmqp.braking import braking
+from rcmqp.braking import lateral, slower
 from rcmqp.controllers.account import explained
 from rcmqp.controllers.checks import as_numbers, fault, is_usable
 from rcmqp.dualquaternion import Array
@@ -57,10 +57,10 @@ class Controller(abc.ABC):
     reset() a rerun gives the same bits.
 
     A step always answers, with numbers. Where a joint reading is not finite, the reference not
-    finite or no pose, or the law finds no finite velocity, it answers with the safe stop: all
-    joints slow down in proportion, as fast as the acceleration limits allow, see braking(), the
-    command says why, and the diagnostic ``safe_stop`` is 1. A derived class gives the law, in
-    _step(), and need not look after any of this.
+    finite or no pose, or the law finds no finite velocity, it answers with the safe stop: the
+    joints slow down as fast as the acceleration limits allow, the shaft staying on the trocar
+    where they let it, see slower(); the command says why, and the diagnostic ``safe_stop`` is 1.
+    A derived class gives the law, in _step(), and need not look after any of this.
 
     Attributes:
         name: in CONTROLLERS.
@@ -135,7 +135,7 @@ class Controller(abc.ABC):
         diagnostics: Mapping[str, float] | None = None,
         account: object | None = None,
     ) -> Command:
-        """The named safe stop, see braking(), with the reason for it.
+        """The named safe stop, see slower(), with the reason for it.
 
         Args:
             state: of the arm.
@@ -144,7 +144,9 @@ class Controller(abc.ABC):
             account: as in Command.
         """
         numbers = dict.fromkeys(self.diagnostics, math.nan) | dict(diagnostics or {})
-        v = braking(self.insertion.arm, state.angles, state.v, self.period)[0]
+        depth = float(state.oMe.actInv(np.array(self.insertion.trocar.pivot))[2])
+        rows = lateral(state.J_local, depth)
+        v = slower(self.insertion.arm, state.angles, state.v, self.period, rows)
         return Command(v, numbers | {"safe_stop": 1.0}, account, reason)
 
 

@@ -40,15 +40,21 @@ static int is_finite(const double *numbers, int count)
     return 1;
 }
 
+/* Whether x (8) is a unit dual quaternion, as usable() asks of references. */
+static int is_pose(const double *x)
+{
+    return fabs(sqrt(dot(x, x, 4)) - 1.0) <= 1e-6 && fabs(dot(x, x + 4, 4)) <= 1e-6;
+}
+
 /* One part of the way, equations (9) to (11); see Planner.step().
  *
  * Moves place on, writes the reference on the way, x_d (8) and x_d_dot (8), and returns 1; or 0
- * where what is wanted is to be followed as it is: it is near; or it is no number, and place stays
+ * where what is wanted is to be followed as it is: it is near; or it is no pose, and place stays
  * what it was. */
 int go_on(const Plan *plan, Place *place, const Wanted *wanted, double *x_d, double *x_d_dot)
 {
     double offset[3], log[3], target[8], r_l[8] = {0.0}, r_d[4], r_t[4];
-    if (!(is_finite(wanted->x_d, 8) && is_finite(wanted->pivot, 3) &&
+    if (!(is_finite(wanted->x_d, 8) && is_pose(wanted->x_d) && is_finite(wanted->pivot, 3) &&
           is_finite(wanted->pivot_dot, 3)))
         return 0;
     for (int i = 0; i < 3; ++i) offset[i] = wanted->pivot[i] - plan->pivot_0[i];

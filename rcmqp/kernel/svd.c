@@ -3,7 +3,7 @@
 #include <math.h>
 
 /* Two rows whose cosine is below this are orthogonal: for vectors; for values alone, which err by
- * its square. */
+ * half of it at the most, and by its square where they are apart. */
 #define ENOUGH 1e-15
 #define ENOUGH_FOR_VALUES 1e-9
 
