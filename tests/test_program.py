@@ -9,17 +9,32 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import ArmState, Insertion, Reference, load_scenario
+from rcmqp import (
+    ArmState,
+    Insertion,
+    Reference,
+    Trocar,
+    ViewCommand,
+    load_scenario,
+    view_pose,
+)
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.controllers.program import LevelOfTasks, Program
-from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit, TrocarCone
+from rcmqp.instrument import vector3
+from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit, TrocarCone, TrocarDepth
 from rcmqp.objectives import JointCentring
 from rcmqp.qp import HierarchySolution
 from rcmqp.tasks import DepthTask, ObjectiveTask, PoseTask, PostureTask, RcmTask, RollTask, TipTask
 
 T = 1e-3
 ARMS = ("lwa3", "panda", "meka_a2", "kinova")
+
+HELD = {
+    "a narrow trocar": {"trocar cone", "trocar depth, deepest", "trocar depth, shallowest"},
+    "a moving sphere": {"sphere, tip out"},
+}
+"""Rows that must have held something back in some cycle."""
 
 Cut = Callable[[Insertion], tuple[list[LevelOfTasks] | None, list[Limit] | None]]
 
@@ -30,12 +45,13 @@ def posture_below_the_tool(insertion: Insertion) -> tuple[list[LevelOfTasks], No
 
 
 def a_moving_sphere(insertion: Insertion) -> tuple[None, list[Limit]]:
+    beyond = insertion.tip(insertion.x_rcm) - insertion.trocar.pivot + np.array([0.02, 0.0, 0.0])
     sphere = KeepOut(
-        centre=(0.01, 0.02, -0.05),
+        centre=vector3("centre", beyond),
         radius=0.02,
         instrument=insertion.instrument,
         tip_depth=insertion.tip_depth,
-        velocity=(0.01, 0.0, -0.02),
+        velocity=(-0.02, 0.01, -0.02),
         on_trocar=True,
         part="tip",
     )
@@ -46,7 +62,20 @@ def pose_above_the_posture(insertion: Insertion) -> tuple[list[LevelOfTasks], No
     return [PoseTask(gain=40.0), PostureTask.made_for(insertion)], None
 
 
+def a_narrow_trocar(insertion: Insertion) -> tuple[None, list[Limit]]:
+    depth = insertion.tip_depth
+    trocar = dataclasses.replace(
+        insertion.trocar, cone_half_angle=0.01, depth_range=(depth - 1e-3, depth + 1e-3)
+    )
+    return None, [
+        JointLimits(insertion.arm, T),
+        TrocarCone(trocar, gain=20.0),
+        TrocarDepth(trocar, depth, gain=20.0),
+    ]
+
+
 CUTS: dict[str, Cut] = {
+    "a narrow trocar": a_narrow_trocar,
     "pose above the posture": pose_above_the_posture,
     "default": lambda insertion: (None, None),
     "posture below the tool": posture_below_the_tool,
@@ -70,6 +99,7 @@ def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str)
     name = "conical_helix" if arm == "kinova" else "obstacle"
     insertion, rng, active = load_scenario(name, arm).insertion(), np.random.default_rng(7), 0
     levels, limits = CUTS[cut](insertion)
+    held: set[str] = set()
     fused, plain = (
         HierarchicalQP(insertion, T, backend="active_set", levels=levels, limits=limits)
         for _ in range(2)
@@ -93,7 +123,22 @@ def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str)
         numbers, others = (list(found.diagnostics.values()) for found in (answer, expected))
         assert_allclose(numbers, others, rtol=1e-9, atol=1e-9)
         active += answer.diagnostics["joints_at_limit"] > 0
+        held |= one.active().keys() - set(insertion.arm.joints)
     assert active >= 3
+    assert held >= HELD.get(cut, set())
+
+
+def test_a_shaft_opposite_to_the_trocars_axis_is_turned_back_alike() -> None:
+    insertion = load_scenario("conical_helix", "panda").insertion()
+    state = insertion.state(insertion.q_start)
+    axis = vector3("axis", -state.oMe.rotation[:, 2])
+    limits = [JointLimits(insertion.arm, T), TrocarCone(Trocar(insertion.trocar.pivot, axis))]
+    reference = view_pose(insertion.x_rcm, ViewCommand())
+    fused, plain = (HierarchicalQP(insertion, T, limits=limits) for _ in range(2))
+    object.__setattr__(plain, "_program", None)
+    found, expected = fused.step(state, reference), plain.step(state, reference)
+    assert_allclose(found.v, expected.v, rtol=0, atol=1e-12)
+    assert np.abs(found.v).max() > 1e-3
 
 
 def test_what_compiled_code_does_not_know_is_asked_in_python() -> None:
