@@ -217,3 +217,13 @@ def test_commands_and_references_are_frozen() -> None:
     for data, field in ((ViewCommand(), "alpha"), (reference, "x_d")):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(data, field, 0.0)
+
+
+def test_a_reference_is_nobody_elses_and_cannot_be_written() -> None:
+    x_rcm, drift = dq.from_se3(random_placement(np.random.default_rng(3))), np.ones(3)
+    made = view_pose(x_rcm, ViewCommand(alpha=0.1), drift)
+    drift[:] = 0.0
+    assert np.array_equal(made.pivot_dot, np.ones(3))
+    for array in (made.x_d, made.x_d_dot, made.pivot, made.pivot_dot):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0

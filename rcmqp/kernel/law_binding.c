@@ -164,7 +164,8 @@ PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count)
 }
 
 /* view_pose(x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot):
- * x_d, x_d_dot, pivot, pivot_dot; None if x_rcm or pivot_dot is no vector of its size. */
+ * x_d, x_d_dot, pivot, pivot_dot, none of them to be written or anybody else's; None if x_rcm or
+ * pivot_dot is no vector of its size. */
 PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
@@ -179,7 +180,14 @@ PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
         PyObject *made[] = {vector(8, &x_d), vector(8, &x_d_dot), vector(3, &pivot)};
         if (!PyErr_Occurred())
             pose_of_view(PyArray_DATA(x_rcm), view, PyArray_DATA(pivot_dot), x_d, x_d_dot, pivot);
+        if (PyArray_ISWRITEABLE(pivot_dot)) { /* the caller's own */
+            PyArrayObject *own = (PyArrayObject *)PyArray_NewCopy(pivot_dot, NPY_CORDER);
+            Py_DECREF(pivot_dot);
+            pivot_dot = own;
+        }
         answer = Py_BuildValue("(NNNO)", made[0], made[1], made[2], pivot_dot);
+        for (int i = 0; answer != NULL && i < 4; ++i)
+            PyArray_CLEARFLAGS((PyArrayObject *)PyTuple_GET_ITEM(answer, i), NPY_ARRAY_WRITEABLE);
     } else if (pivot_dot != NULL) {
         answer = Py_NewRef(Py_None);
     }
