@@ -19,7 +19,7 @@ from rcmqp.cycles import ROW, Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.head import CHECKED, Head, about
-from rcmqp.run import FIXED, PART, Run, channels, check_writable
+from rcmqp.run import FIXED, PART, Run, channels, check_writable, why
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -76,8 +76,9 @@ class Recorder:
         self._sweep()
         try:
             self._file: h5py.File = h5py.File(self._part, "w", rdcc_nbytes=0)
-        except OSError as error:
-            raise RunFileError(self._path, f"could not be written: {error}") from error
+        except (OSError, RuntimeError) as error:  # h5py raises either
+            self._part.unlink(missing_ok=True)
+            raise RunFileError(self._path, f"could not be written: {why(error)}") from error
         self._file.create_group("diagnostics")
         return self
 
@@ -131,7 +132,7 @@ class Recorder:
             for name, values in part.diagnostics.items():
                 self._put(f"diagnostics/{name}", values, about(name, part.about_diagnostics))
         except (OSError, RuntimeError) as error:  # h5py raises either
-            raise RunFileError(self._path, f"could not be written: {error}") from error
+            raise RunFileError(self._path, f"could not be written: {why(error)}") from error
         for reason, cycles in part.stops.items():
             self._stops.setdefault(reason, []).extend(self._written + k for k in cycles)
         self._written += n
@@ -171,7 +172,7 @@ class Recorder:
             self._file.close()
             self._part.replace(self._path)
         except (OSError, RuntimeError) as error:
-            raise RunFileError(self._path, f"could not be written: {error}") from error
+            raise RunFileError(self._path, f"could not be written: {why(error)}") from error
 
     def _check_room(self, more: int) -> None:
         if self._written + more > self._scenario.cycles:
