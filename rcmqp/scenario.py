@@ -386,7 +386,7 @@ def load_scenario(
         if arm is not None and arm not in arm_names() and FilePath(arm).is_file():
             arm = str(FilePath(arm).resolve())
         module = scenario_module(name)
-        scenario = module.scenario(arm or default_arm(module), flange=flange)
+        scenario = module.scenario(arm or _default_arm(module), flange=flange)
         if not isinstance(scenario, Scenario):
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
@@ -425,9 +425,20 @@ def scenario_module(name: str) -> ModuleType:
     return module
 
 
-def default_arm(module: ModuleType) -> str:
-    """The arm of a scenario's module where none is asked for: what its function defaults to."""
-    default = inspect.signature(module.scenario).parameters["arm"].default
+def own_arm(name: str) -> str:
+    """The arm of a scenario where none is asked for.
+
+    Raises:
+        RcmqpError: there is no such scenario.
+    """
+    if name.endswith(".json"):
+        return _read(FilePath(name)).arm
+    return _default_arm(scenario_module(name))
+
+
+def _default_arm(module: ModuleType) -> str:
+    """What a scenario's function takes for its first argument, where it says so."""
+    default = next(iter(inspect.signature(module.scenario).parameters.values())).default
     return DEFAULT_ARM if default is inspect.Parameter.empty else str(default)
 
 
