@@ -386,7 +386,12 @@ def load_scenario(
         if arm is not None and arm not in arm_names() and FilePath(arm).is_file():
             arm = str(FilePath(arm).resolve())
         module = scenario_module(name)
-        scenario = module.scenario(arm or _default_arm(module), flange=flange)
+        try:
+            scenario = module.scenario(arm or _default_arm(module), flange=flange)
+        except RcmqpError:
+            raise
+        except Exception as error:
+            raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
         if not isinstance(scenario, Scenario):
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
@@ -420,8 +425,10 @@ def scenario_module(name: str) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
-    if not hasattr(module, "scenario"):
-        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)")
+    try:
+        inspect.signature(module.scenario).bind("an arm", flange=None)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)") from error
     return module
 
 

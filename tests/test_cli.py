@@ -246,11 +246,19 @@ def test_a_scenario_file_of_ones_own_runs(call: Call, tmp_path: Path) -> None:
     assert (read_json(out)["scenario"], read_json(out)["arm"]) == ("mine", "panda")
     for content, message in (
         ("", "has no function scenario"),
+        ("scenario = 5", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(): pass", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(arm): pass", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(arm, *, flange=None): 1 / 0", "cannot be run: ZeroDivisionError: division"),
+        ("def scenario(arm, *, flange=None): load", "cannot be run: NameError: name 'load'"),
         ("import nonesuch", "cannot be run: ModuleNotFoundError"),
         ("def scenario(arm='', *, flange=None): return 5", "returned int, it must be a Scenario"),
     ):
         file.write_text(content)
         assert message in call("run", str(file))[2]
+    file.write_text("def scenario(): pass")
+    code, out, _ = call("compare", "-s", str(file), "-c", "damped", "-o", str(tmp_path), "--json")
+    assert (code, out) == (1, "")
 
 
 def test_a_json_scenario_has_its_own_arm(call: Call, tmp_path: Path) -> None:
