@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import pytest
 
-from rcmqp import Run, arm_names, load_arm, load_scenario, scenario_names
+from rcmqp import Run, arm_names, compute_metrics, load_arm, load_scenario, scenario_names
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, controller_options
 
@@ -94,6 +94,23 @@ def test_run_and_show_name_every_error_and_the_file(call: Call, tmp_path: Path) 
     for text in ("tip mm", "effector mm", "RCM mm", "orientation mrad", "joint speed", str(file)):
         assert text in out
     assert call("show", str(file))[1] == out
+
+
+def test_an_error_too_small_for_its_decimal_places_has_three_digits(
+    call: Call, tmp_path: Path
+) -> None:
+    file = tmp_path / "helix.h5"
+    out = call(*SHORT, "--controller", "hierarchical-qp", "--out", str(file))[1]
+    found = compute_metrics(Run.load(file))
+    cells = next(line.split()[2:] for line in out.splitlines() if "RCM mm" in line)
+    assert 0.0 < found.rcm_rms_mm < 1e-4
+    assert cells[0] == f"{found.rcm_rms_mm:.3g}"
+    for cell, value in zip(
+        cells, (found.rcm_rms_mm, found.rcm_p95_mm, found.rcm_max_mm), strict=True
+    ):
+        assert math.isclose(float(cell), value, rel_tol=5e-3, abs_tol=5e-6)
+    assert found.orientation_max_mrad > 1e-4
+    assert f"  {found.orientation_max_mrad:.5f} " in out
 
 
 def test_show_draws_figures(call: Call, tmp_path: Path) -> None:
