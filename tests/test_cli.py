@@ -8,7 +8,7 @@ import math
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -217,6 +217,28 @@ def test_what_is_not_finite_is_null_in_json(call: Call, tmp_path: Path) -> None:
     code, out, _ = call("run", "conical_helix", *arm, "--duration", "0.05", "--json")
     assert code == 0
     assert read_json(out)["metrics"]["limit_margin_min_rad"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where", "word"),
+    [
+        (SHORT, "rcmqp.cli.simulate", "interrupted"),
+        (("compare", "-s", "circle"), "rcmqp.compare.compare", "interrupted"),
+        (
+            ("study", "camera_task"),
+            "rcmqp.study.perform.perform",
+            "interrupted; the same command goes on from here",
+        ),
+    ],
+)
+def test_ctrl_c_ends_with_code_130_and_a_word(
+    arguments: Sequence[str], where: str, word: str, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(where, interrupt)
+    assert call(*arguments) == (130, "", f"{word}\n")
 
 
 def test_wrong_usage_ends_with_code_2(call: Call) -> None:
