@@ -35,8 +35,12 @@ app = typer.Typer(
     help="Remote-centre-of-motion control of surgical arms.\n\n"
     "Try [bold]rcmqp run conical_helix --arm lwa3[/bold], then [bold]rcmqp reproduce[/bold] "
     "for the paper's experiment A.\n\n"
-    "Exit codes: 0 done; 1 refused or failed, with the reason on stderr; 2 wrong usage.",
+    "Exit codes: 0 done; 1 refused or failed, with the reason on stderr; 2 wrong usage; "
+    "130 interrupted.",
 )
+INTERRUPTED = 130
+"""The exit code after Ctrl-C, by a shell's custom."""
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 ArmOption = Annotated[
     str | None,
@@ -49,11 +53,17 @@ FlangeOption = Annotated[
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; an RcmqpError ends it with its message and exit code 1."""
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        app(arguments)
+        app(given)
     except RcmqpError as error:
         err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
         sys.exit(1)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            more = "; the same command goes on from here" if "study" in given[:1] else ""
+            err.print(f"interrupted{more}", highlight=False)
+        raise
 
 
 def run_file(file: str) -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import io
 import itertools
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,12 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
-from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.errors import RunFileError
+from rcmqp.files import whole
 from rcmqp.loading import arm_names
 from rcmqp.metrics import against_limit, compute_metrics
 from rcmqp.run import Run, check_writable, make_folder
-from rcmqp.scenario import load_scenario
+from rcmqp.scenario import load_scenario, own_arm
 from rcmqp.simulate import simulate
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 
@@ -57,6 +58,7 @@ class Row:
         safe_stops: cycles that ended in the controller's safe stop.
         acceleration_ratio_max: NaN, too, on arms without acceleration limits.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
+        file: name of the run's file in the comparison's folder.
         failure: why there is no run; empty where there is one. Numbers are NaN then.
     """
 
@@ -80,6 +82,7 @@ class Row:
     solve_time_median_us: float = np.nan
     solve_time_p99_us: float = np.nan
     digest: str = ""
+    file: str = ""
     failure: str = ""
 
 
@@ -150,7 +153,8 @@ def compare(
     """Run every case and write the runs, comparison.csv and comparison.md into a folder.
 
     The rows come in the order of the cases, and but for times they are the same whatever the
-    number of jobs. A case that cannot be run is a row that says why.
+    number of jobs, the names of the files too: where a name would come twice, the second is
+    numbered. A case that cannot be run is a row that says why.
 
     Args:
         todo: what to run.
@@ -164,32 +168,42 @@ def compare(
     """
     folder = make_folder(out)
     check_writable(folder / "comparison.csv")
+    stems, files = _names(todo)
     rows = []
     parallel = Parallel(n_jobs=jobs, return_as="generator", batch_size=1)
-    for row in parallel(delayed(run_case)(case, folder) for case in todo):
+    work = (delayed(run_case)(case, folder / file) for case, file in zip(todo, files, strict=True))
+    for row in parallel(work):
         rows.append(row)
         if progress is not None:
             progress(1)
-    (folder / "comparison.csv").write_text(as_csv(rows), encoding="utf-8")
-    (folder / "comparison.md").write_text(f"# Comparison\n\n{as_markdown(rows)}", encoding="utf-8")
-    figures = _figures(rows)
+    for name, text in (
+        ("comparison.csv", as_csv(rows)),
+        ("comparison.md", f"# Comparison\n\n{as_markdown(rows)}"),
+    ):
+        with whole(folder / name) as part:
+            part.write_text(text, encoding="utf-8")
+    figures: dict[str, list[str]] = {}
+    for stem, row in zip(stems, rows, strict=True):
+        if row.file:
+            figures.setdefault(stem, []).append(row.file)
     for problem in parallel(delayed(_draw)(folder, *figure) for figure in figures.items()):
         if problem is not None:
             raise RunFileError(Path(problem[0]), problem[1])
     return rows
 
 
-def run_case(case: Case, folder: Path) -> Row:
+def run_case(case: Case, file: Path) -> Row:
     """Run one case and save the run."""
     try:
         scenario = load_scenario(case.scenario, case.arm, flange=case.flange, **case.changes)
         insertion = scenario.insertion()
         controller = make_controller(case.controller, insertion, scenario.period, **case.options)
         run = simulate(scenario, controller)
-        run.save(folder / f"{_stem(run)}_{case.controller}.h5")
-    except (RcmqpError, np.linalg.LinAlgError) as error:
-        return Row(case.scenario, case.arm or "", case.controller, failure=str(error))
-    return row_of(run)
+        run.save(file)
+        return dataclasses.replace(row_of(run), file=file.name)
+    except Exception as error:  # noqa: BLE001  (the other cases go on, and the row has it)
+        failure = f"{type(error).__name__}: {error}"
+        return Row(case.scenario, case.arm or "", case.controller, failure=failure)
 
 
 def row_of(run: Run) -> Row:
@@ -212,18 +226,38 @@ def row_of(run: Run) -> Row:
     )
 
 
-def _stem(run: Run) -> str:
-    return f"{run.scenario.name}_{Path(run.scenario.arm).stem}"
+def _names(todo: Iterable[Case]) -> tuple[list[str], list[str]]:
+    """For each case the name of its figure, and that of its run's file; no file's comes twice.
+
+    Cases that differ in nothing but the controller and its options share a figure.
+    """
+    figures: dict[str, str] = {}
+    stems, files = list[str](), list[str]()
+    for case in todo:
+        key = repr((case.scenario, case.arm, case.flange, sorted(case.changes.items())))
+        if key not in figures:
+            figures[key] = _unlike(figures.values(), _stem(case))
+        stems.append(figures[key])
+        name = f"{stems[-1]}_{case.controller.replace('-', '_')}"
+        files.append(_unlike(files, name, ".h5"))
+    return stems, files
 
 
-def _figures(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Files of the runs that are in each figure: of one scenario and arm."""
-    found: dict[str, list[str]] = {}
-    for row in rows:
-        if not row.failure:
-            stem = f"{row.scenario}_{Path(row.arm).stem}"
-            found.setdefault(stem, []).append(f"{stem}_{row.controller}.h5")
-    return found
+def _stem(case: Case) -> str:
+    """Scenario and arm of a case."""
+    try:
+        arm = case.arm or own_arm(case.scenario)
+    except Exception:  # noqa: BLE001  (nor can it be run, which is said then)
+        arm = "none"
+    return f"{Path(case.scenario).stem.replace('-', '_')}_{Path(arm).stem}"
+
+
+def _unlike(others: Collection[str], stem: str, ending: str = "") -> str:
+    """A name that is none of the others: numbered where it would be."""
+    name, count = f"{stem}{ending}", 2
+    while name in others:
+        name, count = f"{stem}_{count}{ending}", count + 1
+    return name
 
 
 def _draw(folder: Path, stem: str, files: Sequence[str]) -> tuple[str, str] | None:

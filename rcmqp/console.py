@@ -20,7 +20,7 @@ from rich.table import Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
-from rcmqp.metrics import Metrics, compute_metrics
+from rcmqp.metrics import Metrics, compute_metrics, readable
 from rcmqp.run import Run
 from rcmqp.run_file import Recording
 
@@ -84,7 +84,7 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
         rows = []
         for name, label, unit in _ERRORS:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
-            rows.append([f"{label} {unit}", *(f"{value:.5f}" for value in values)])
+            rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
         print_table(("error", "rms", "95 %", "max"), rows)
         for line in _summary(metrics):
             out.print(line, highlight=False, markup=False)

@@ -111,6 +111,10 @@ class Cycles:
         self._forget()
         return made
 
+    def follow(self, part: Run) -> None:
+        """Go on after a part that was made elsewhere; none is left to be made here."""
+        self._derived.follow(part.x)
+
     def _forget(self) -> None:
         self._times: list[float] = []
         self._diagnostics: list[dict[str, float]] = []

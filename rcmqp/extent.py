@@ -52,6 +52,8 @@ class Extent:
 def percentile(values: Rows, share: float) -> float:
     """What np.percentile() says, to the bit, of (n,) numbers, none negative, read in blocks.
 
+    NaN where one of them is.
+
     Args:
         values: an array, or a dataset.
         share: from 0 to 100 [%].
@@ -61,6 +63,8 @@ def percentile(values: Rows, share: float) -> float:
         return float(np.percentile(values[0:n], share))
     place = share / 100.0 * (n - 1)
     k = math.floor(place)
+    if any(np.isnan(block).any() for block in _blocks(values)):
+        return math.nan
     between = [_number(values, k), _number(values, min(k + 1, n - 1))]
     return float(np.percentile(between, 100.0 * (place - k)))
 
@@ -74,8 +78,8 @@ def _number(values: Rows, k: int) -> float:
     found = 0
     for shift in range(64 - DIGIT, -1, -DIGIT):
         counts = np.zeros(1 << DIGIT, dtype=np.int64)
-        for bits in _bits(values):
-            head = bits >> np.uint64(shift)
+        for block in _blocks(values):
+            head = block.view(np.uint64) >> np.uint64(shift)
             alike = head[head >> np.uint64(DIGIT) == found]
             counts += np.bincount(
                 (alike & np.uint64((1 << DIGIT) - 1)).astype(np.int64), minlength=counts.size
@@ -87,7 +91,6 @@ def _number(values: Rows, k: int) -> float:
     return float(np.array(found, dtype=np.uint64).view(np.float64))
 
 
-def _bits(values: Rows) -> Iterator[np.ndarray]:
+def _blocks(values: Rows) -> Iterator[Array]:
     for first in range(0, values.shape[0], AT_ONCE):
-        block = np.asarray(values[first : first + AT_ONCE], dtype=float) + 0.0  # no -0.0
-        yield block.view(np.uint64)
+        yield np.asarray(values[first : first + AT_ONCE], dtype=float) + 0.0  # no -0.0

@@ -18,6 +18,9 @@ from rcmqp.scene import clearance
 SATURATED = 1.0 - 1e-6
 """Share of a limit from which on a joint counts as saturated."""
 
+SMALL = 1e-4
+"""Below it, decimal places say too little of a number."""
+
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
@@ -121,9 +124,14 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
     }
 
 
+def readable(value: float, style: str) -> str:
+    """A number for people: one too small for decimal places has three significant digits."""
+    return format(value, ".3g" if 0.0 < abs(value) < SMALL else style)
+
+
 def against_limit(ratio: float, style: str = ".3g") -> str:
     """A ratio to a limit, for people: "no limit" where there is none and the ratio is NaN."""
-    return "no limit" if np.isnan(ratio) else format(ratio, style)
+    return "no limit" if np.isnan(ratio) else readable(ratio, style)
 
 
 def obstacle_distance(run: Run) -> Array:

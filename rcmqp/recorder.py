@@ -19,7 +19,7 @@ from rcmqp.cycles import ROW, Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.head import CHECKED, Head, about
-from rcmqp.run import FIXED, PART, Run, channels, check_writable
+from rcmqp.run import FIXED, PART, Run, channels, check_writable, why
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -76,8 +76,9 @@ class Recorder:
         self._sweep()
         try:
             self._file: h5py.File = h5py.File(self._part, "w", rdcc_nbytes=0)
-        except OSError as error:
-            raise RunFileError(self._path, f"could not be written: {error}") from error
+        except (OSError, RuntimeError) as error:  # h5py raises either
+            self._part.unlink(missing_ok=True)
+            raise RunFileError(self._path, f"could not be written: {why(error)}") from error
         self._file.create_group("diagnostics")
         return self
 
@@ -110,10 +111,10 @@ class Recorder:
         for array, (name, shape) in zip(arrays, self._cycles.shapes.items(), strict=True):
             if array.shape != shape:
                 raise OptionError(f"{name} has shape {array.shape}, it must be {shape}")
-        self._check_room(len(self._cycles) + 1)
+        self._check_room(1)
         self._cycles.add(solve_time, diagnostics, stop, *arrays)
         if len(self._cycles) == self._size:
-            self.write(self._cycles.part())
+            self._flush()
 
     def write(self, part: Run) -> None:
         """Record some cycles of a run, the next ones.
@@ -122,8 +123,17 @@ class Recorder:
             OptionError: the scenario has no more cycles.
             RunFileError: the disk is full, or the like.
         """
-        n = len(part.time)
-        self._check_room(n)
+        self._check_room(len(part.time))
+        self._flush()
+        self._write(part)
+        self._cycles.follow(part)
+
+    def _flush(self) -> None:
+        """Write what append() has kept in memory."""
+        if len(self._cycles):
+            self._write(self._cycles.part())
+
+    def _write(self, part: Run) -> None:
         meanings = {item.name: item.metadata for item in channels()}
         try:
             for name, values in part.rows().items():
@@ -131,10 +141,10 @@ class Recorder:
             for name, values in part.diagnostics.items():
                 self._put(f"diagnostics/{name}", values, about(name, part.about_diagnostics))
         except (OSError, RuntimeError) as error:  # h5py raises either
-            raise RunFileError(self._path, f"could not be written: {error}") from error
+            raise RunFileError(self._path, f"could not be written: {why(error)}") from error
         for reason, cycles in part.stops.items():
             self._stops.setdefault(reason, []).extend(self._written + k for k in cycles)
-        self._written += n
+        self._written += len(part.time)
         self._first = self._first or next(part.parts(1))
 
     def __exit__(
@@ -162,8 +172,7 @@ class Recorder:
 
     def _finish(self) -> None:
         """Write what is left, and give the file its name."""
-        if len(self._cycles):
-            self.write(self._cycles.part())
+        self._flush()
         if self._first is None:
             raise RunFileError(self._path, "not written: no cycle was recorded")
         try:
@@ -171,10 +180,10 @@ class Recorder:
             self._file.close()
             self._part.replace(self._path)
         except (OSError, RuntimeError) as error:
-            raise RunFileError(self._path, f"could not be written: {error}") from error
+            raise RunFileError(self._path, f"could not be written: {why(error)}") from error
 
     def _check_room(self, more: int) -> None:
-        if self._written + more > self._scenario.cycles:
+        if self._written + len(self._cycles) + more > self._scenario.cycles:
             raise OptionError(f"{self._scenario} has {self._scenario.cycles} cycles, not more")
 
     def _put(self, name: str, values: Array, about: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -227,11 +228,11 @@ class Run:
         check_writable(path)
         part = _part(path)
         try:
-            with h5py.File(part, "w") as file:
+            with h5py.File(part, "w", rdcc_nbytes=0) as file:  # HDF5 2.0 dies flushing its cache
                 self._write(file)
             part.replace(path)
-        except OSError as error:
-            raise RunFileError(path, f"could not be written: {error}") from error
+        except (OSError, RuntimeError) as error:  # h5py raises either
+            raise RunFileError(path, f"could not be written: {why(error)}") from error
         finally:
             part.unlink(missing_ok=True)
 
@@ -370,7 +371,13 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         _part(path).touch()
         _part(path).unlink()
     except OSError as error:
-        raise RunFileError(path, f"cannot be written: {error}") from error
+        raise RunFileError(path, f"cannot be written: {why(error)}") from error
+
+
+def why(error: OSError | RuntimeError) -> str:
+    """What the system says, without what HDF5 adds and the name of the file it was told."""
+    number = re.search(r"[Ee]rrno =? ?(\d+)", str(error))
+    return os.strerror(int(number[1])) if number else str(error)
 
 
 def _part(path: Path) -> Path:

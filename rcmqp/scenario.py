@@ -386,7 +386,12 @@ def load_scenario(
         if arm is not None and arm not in arm_names() and FilePath(arm).is_file():
             arm = str(FilePath(arm).resolve())
         module = scenario_module(name)
-        scenario = module.scenario(arm or default_arm(module), flange=flange)
+        try:
+            scenario = module.scenario(arm or _default_arm(module), flange=flange)
+        except RcmqpError:
+            raise
+        except Exception as error:
+            raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
         if not isinstance(scenario, Scenario):
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
@@ -420,14 +425,27 @@ def scenario_module(name: str) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
-    if not hasattr(module, "scenario"):
-        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)")
+    try:
+        inspect.signature(module.scenario).bind("an arm", flange=None)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)") from error
     return module
 
 
-def default_arm(module: ModuleType) -> str:
-    """The arm of a scenario's module where none is asked for: what its function defaults to."""
-    default = inspect.signature(module.scenario).parameters["arm"].default
+def own_arm(name: str) -> str:
+    """The arm of a scenario where none is asked for.
+
+    Raises:
+        RcmqpError: there is no such scenario.
+    """
+    if name.endswith(".json"):
+        return _read(FilePath(name)).arm
+    return _default_arm(scenario_module(name))
+
+
+def _default_arm(module: ModuleType) -> str:
+    """What a scenario's function takes for its first argument, where it says so."""
+    default = next(iter(inspect.signature(module.scenario).parameters.values())).default
     return DEFAULT_ARM if default is inspect.Parameter.empty else str(default)
 
 

@@ -43,7 +43,8 @@ def simulate(
 
     Raises:
         OptionError: the controller was made for another period or another insertion.
-        InvalidProblem: a task or a limit of its is of a wrong shape.
+        InvalidProblem: an error, such as a task or a limit of a wrong shape, keeps the
+            controller from its first step.
         RcmqpError: whatever the path or the controller refuses.
     """
     return Run.joined(parts(scenario, controller, progress), scenario.cycles)
@@ -153,14 +154,15 @@ def _checked(answer: Command, name: str, nv: int, t: float) -> Array:
 
 
 def _check_possible(first: Command) -> None:
-    """Refuse a controller whose tasks or limits are of wrong shape: that does not get better.
+    """Refuse a controller that an error keeps from its first step: that does not get better.
 
     Raises:
-        InvalidProblem: with the reason of the first cycle's safe stop.
+        InvalidProblem: with the error, as Controller.step() words it in its safe stop.
     """
-    kind, _, reason = first.stop.partition(": ")
-    if kind == InvalidProblem.__name__:
-        raise InvalidProblem(f"the controller cannot make a single step: {reason}")
+    kind, colon, reason = first.stop.partition(": ")
+    if colon and kind.isidentifier():
+        error = reason if kind == InvalidProblem.__name__ else first.stop
+        raise InvalidProblem(f"the controller cannot make a single step: {error}")
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:

@@ -8,13 +8,13 @@ import math
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import pytest
 
-from rcmqp import Run, arm_names, load_arm, load_scenario, scenario_names
+from rcmqp import Run, arm_names, compute_metrics, load_arm, load_scenario, scenario_names
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, controller_options
 
@@ -94,6 +94,23 @@ def test_run_and_show_name_every_error_and_the_file(call: Call, tmp_path: Path) 
     for text in ("tip mm", "effector mm", "RCM mm", "orientation mrad", "joint speed", str(file)):
         assert text in out
     assert call("show", str(file))[1] == out
+
+
+def test_an_error_too_small_for_its_decimal_places_has_three_digits(
+    call: Call, tmp_path: Path
+) -> None:
+    file = tmp_path / "helix.h5"
+    out = call(*SHORT, "--controller", "hierarchical-qp", "--out", str(file))[1]
+    found = compute_metrics(Run.load(file))
+    cells = next(line.split()[2:] for line in out.splitlines() if "RCM mm" in line)
+    assert 0.0 < found.rcm_rms_mm < 1e-4
+    assert cells[0] == f"{found.rcm_rms_mm:.3g}"
+    for cell, value in zip(
+        cells, (found.rcm_rms_mm, found.rcm_p95_mm, found.rcm_max_mm), strict=True
+    ):
+        assert math.isclose(float(cell), value, rel_tol=5e-3, abs_tol=5e-6)
+    assert found.orientation_max_mrad > 1e-4
+    assert f"  {found.orientation_max_mrad:.5f} " in out
 
 
 def test_show_draws_figures(call: Call, tmp_path: Path) -> None:
@@ -202,6 +219,28 @@ def test_what_is_not_finite_is_null_in_json(call: Call, tmp_path: Path) -> None:
     assert read_json(out)["metrics"]["limit_margin_min_rad"] is None
 
 
+@pytest.mark.parametrize(
+    ("arguments", "where", "word"),
+    [
+        (SHORT, "rcmqp.cli.simulate", "interrupted"),
+        (("compare", "-s", "circle"), "rcmqp.compare.compare", "interrupted"),
+        (
+            ("study", "camera_task"),
+            "rcmqp.study.perform.perform",
+            "interrupted; the same command goes on from here",
+        ),
+    ],
+)
+def test_ctrl_c_ends_with_code_130_and_a_word(
+    arguments: Sequence[str], where: str, word: str, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(where, interrupt)
+    assert call(*arguments) == (130, "", f"{word}\n")
+
+
 def test_wrong_usage_ends_with_code_2(call: Call) -> None:
     assert call("run")[0] == 2
     assert call("run", "conical_helix", "--nonesuch")[0] == 2
@@ -246,11 +285,19 @@ def test_a_scenario_file_of_ones_own_runs(call: Call, tmp_path: Path) -> None:
     assert (read_json(out)["scenario"], read_json(out)["arm"]) == ("mine", "panda")
     for content, message in (
         ("", "has no function scenario"),
+        ("scenario = 5", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(): pass", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(arm): pass", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(arm, *, flange=None): 1 / 0", "cannot be run: ZeroDivisionError: division"),
+        ("def scenario(arm, *, flange=None): load", "cannot be run: NameError: name 'load'"),
         ("import nonesuch", "cannot be run: ModuleNotFoundError"),
         ("def scenario(arm='', *, flange=None): return 5", "returned int, it must be a Scenario"),
     ):
         file.write_text(content)
         assert message in call("run", str(file))[2]
+    file.write_text("def scenario(): pass")
+    code, out, _ = call("compare", "-s", str(file), "-c", "damped", "-o", str(tmp_path), "--json")
+    assert (code, out) == (1, "")
 
 
 def test_a_json_scenario_has_its_own_arm(call: Call, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from helpers import assert_allclose
 
 from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
-from rcmqp.compare import TIMES, Row, as_markdown, cases, compare, row_of
+from rcmqp.compare import TIMES, Case, Row, as_markdown, cases, compare, row_of
 from rcmqp.controllers import controller_options
 from rcmqp.errors import RunFileError
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
@@ -23,6 +23,24 @@ from rcmqp.smoothness import log_dimensionless_jerk, sparc
 CASES = cases(
     ["conical_helix"], ["ur5", "panda"], ["dual-quaternion", "task_priority"], {"duration": 0.2}
 )
+
+
+BROKEN = """
+from dataclasses import dataclass
+from rcmqp.paths import PATHS
+from rcmqp.scenario import Scenario
+
+@dataclass(frozen=True)
+class Broken:
+    duration: float = 1.0
+    def command(self, t, tip_depth):
+        return 1 / 0
+
+PATHS["broken"] = Broken
+
+def scenario(arm, *, flange=None):
+    return Scenario.on_shaft("broken", arm, Broken(), flange=flange)
+"""
 
 
 @pytest.fixture
@@ -73,10 +91,88 @@ def test_every_file_is_written_and_holds_the_rows(tmp_path: Path) -> None:
 
 def test_what_cannot_be_run_is_a_row_that_says_why(tmp_path: Path) -> None:
     todo = cases(["conical_helix"], ["lwa4"], ["dual_quaternion"])
-    (row,) = compare(todo, tmp_path)
+    row, other = compare([*todo, Case("conical_helx", None, "dual_quaternion")], tmp_path)
     assert "did you mean lwa3" in row.failure
+    assert "did you mean conical_helix" in other.failure
     assert math.isnan(row.rcm_max_mm)
     assert "did you mean lwa3" in as_markdown([row])
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_no_run_takes_the_file_of_another(jobs: int, tmp_path: Path) -> None:
+    """Two URDFs of one name, two periods, two gains, the same case twice: each its own file."""
+    urdfs = [tmp_path / side / "robot.urdf" for side in ("left", "right")]
+    for urdf in urdfs:
+        urdf.parent.mkdir()
+        urdf.write_bytes(Path(str(load_arm("ur5").urdf)).read_bytes())
+    made = Case("conical_helix", None, "dual-quaternion", {"duration": 0.02})
+    todo = [
+        *(dataclasses.replace(made, arm=str(urdf), flange="tool0") for urdf in urdfs),
+        made,
+        dataclasses.replace(made, changes={"duration": 0.02, "period": 0.002}),
+        dataclasses.replace(made, options={"gain": 30.0}),
+        dataclasses.replace(made, arm="lwa5"),
+        made,
+    ]
+    rows = compare(todo, tmp_path / "out", jobs=jobs)
+    law = "dual_quaternion"
+    assert [row.file for row in rows] == [
+        f"conical_helix_robot_{law}.h5",
+        f"conical_helix_robot_2_{law}.h5",
+        f"conical_helix_lwa3_{law}.h5",
+        f"conical_helix_lwa3_2_{law}.h5",
+        f"conical_helix_lwa3_{law}_2.h5",
+        "",
+        f"conical_helix_lwa3_{law}_3.h5",
+    ]
+    for case, row in zip(todo, rows, strict=True):
+        if row.file:
+            run = Run.load(tmp_path / "out" / row.file)
+            assert run.digest == row.digest
+            assert run.scenario.arm == (case.arm or "lwa3")
+            assert run.period == case.changes.get("period", 0.001)
+            assert run.options["gain"] == case.options.get("gain", 60.0)
+
+
+def test_runs_of_the_same_scenario_and_arm_share_a_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: dict[str, list[str]] = {}
+    monkeypatch.setattr(
+        "rcmqp.compare._draw", lambda folder, stem, files: drawn.update({stem: files})
+    )
+    other = [dataclasses.replace(case, changes={"duration": 0.1}) for case in CASES[:1]]
+    rows = compare([*CASES[:2], *other], tmp_path)
+    files = [row.file for row in rows]
+    assert drawn == {"conical_helix_ur5": files[:2], "conical_helix_ur5_2": files[2:]}
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_case_that_fails_in_any_way_leaves_the_others(jobs: int, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.py"
+    broken.write_text(BROKEN)
+    todo = [Case(str(broken), "ur5", "dual_quaternion"), *CASES[:1]]
+    failed, done = compare(todo, tmp_path, jobs=jobs)
+    assert failed.failure == "ZeroDivisionError: division by zero"
+    assert done.digest == Run.load(tmp_path / done.file).digest
+    with (tmp_path / "comparison.csv").open() as stream:
+        assert [row["failure"] for row in csv.DictReader(stream)] == [failed.failure, ""]
+
+
+def test_a_table_that_cannot_be_written_leaves_the_earlier_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_half(self: Path, text: str, **_: str) -> None:
+        self.write_bytes(text[: len(text) // 2].encode())
+        raise OSError("no space left")
+
+    (tmp_path / "comparison.csv").write_text("earlier")
+    monkeypatch.setattr(Path, "write_text", write_half)
+    with pytest.raises(RunFileError, match=r"comparison\.csv.*no space left"):
+        compare([], tmp_path)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["earlier"]
 
 
 def test_the_command_prints_the_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

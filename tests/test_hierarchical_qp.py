@@ -219,8 +219,13 @@ def test_joints_that_lag_behind_do_not_disturb_the_limits() -> None:
 
 def test_levels_and_limits_of_another_kind_are_refused() -> None:
     scenario = load_scenario("conical_helix", "panda")
-    for options in ({"levels": ["rcm"]}, {"limits": [RcmTask()]}):
-        with pytest.raises(OptionError, match="is no"):
+    options: dict[str, Any]
+    for options, message in (
+        ({"levels": ["rcm"]}, "is no"),
+        ({"limits": [RcmTask()]}, "is no"),
+        ({"levels": []}, "levels is empty; give at least one task"),
+    ):
+        with pytest.raises(OptionError, match=message):
             HierarchicalQP(scenario.insertion(), scenario.period, **options)
 
 

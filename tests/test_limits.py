@@ -4,7 +4,7 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import pinocchio as pin
@@ -702,10 +702,39 @@ def test_a_bad_name_or_option_is_refused(name: str, options: dict[str, Any], mes
 
 
 def test_a_constraint_of_parts_that_do_not_fit_is_refused() -> None:
-    with pytest.raises(InvalidProblem, match=r"1 rows for 6 joints need"):
+    with pytest.raises(InvalidProblem, match=r"\(2, 6\), \(1,\)\); they must be .* \(m, nv\) and"):
         Constraint(np.zeros(6), np.ones(6), np.zeros((2, 6)), np.zeros(1), ("one",))
-    with pytest.raises(InvalidProblem, match=r"there are 2 names"):
-        Constraint.rows(np.zeros((1, 6)), np.zeros(1), ("one", "two"))
+    for names in ((), ("one", "two")):
+        with pytest.raises(InvalidProblem, match=f"1 rows, and there are {len(names)} names"):
+            Constraint.rows(np.zeros((1, 6)), np.zeros(1), names)
+
+
+@pytest.mark.parametrize("low", [2.0, np.nan])
+def test_an_empty_box_is_refused(low: float) -> None:
+    with pytest.raises(InvalidProblem, match=rf"lower = \[.*{low:g}.*leave an empty box"):
+        Constraint.box([-1.0, low], [1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, r"^Given\.evaluate\(\) returned None, it must be a Constraint$"),
+        (Constraint.box(-np.ones(5), np.ones(5)), r"^Given is for 5 joints, the arm has 6$"),
+        (Constraint.rows(np.ones((1, 7)), [1.0], ["x"]), r"^Given is for 7 joints"),
+        (InvalidProblem("wrong"), r"^Given: wrong$"),
+    ],
+    ids=["nothing", "box", "row", "error"],
+)
+def test_what_is_no_constraint_is_refused_by_the_limits_name(answer: Any, message: str) -> None:
+    class Given(Limit):
+        def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+            if isinstance(answer, Exception):
+                raise answer
+            return cast(Constraint, answer)
+
+    inserted = insertion("ur5")
+    with pytest.raises(InvalidProblem, match=message):
+        combine([Given()], inserted.state(inserted.q_start), reference(np.ones(3)))
 
 
 def test_a_constraint_copies_what_it_is_given() -> None:

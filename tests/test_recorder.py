@@ -187,6 +187,23 @@ def test_a_run_that_ends_early_is_recorded_as_far_as_it_goes(
         assert np.array_equal(found.diagnostics[name], values[:-9]), name
 
 
+def test_cycles_and_parts_are_recorded_in_the_order_they_come(
+    recorder: Callable[..., Recorder], rows: list[Row], run: Run, tmp_path: Path
+) -> None:
+    parts = list(run.parts(10))
+    with recorder() as recording:
+        recording.write(parts[0])
+        recording.write(parts[1])
+        for numbers, row in rows[20:30]:  # poses of the other sign, which is none of theirs
+            recording.append(numbers, **row | {"x": -row["x"], "x_d": -row["x_d"]})
+        recording.write(parts[3])
+        for numbers, row in rows[40:]:
+            recording.append(numbers, **row)
+        with pytest.raises(OptionError, match="51 cycles, not more"):
+            recording.write(parts[0])
+    assert Run.load(tmp_path / "run.h5") == run
+
+
 def test_a_run_without_a_cycle_or_with_too_many_is_refused(
     recorder: Callable[..., Recorder], rows: list[Row], tmp_path: Path
 ) -> None:

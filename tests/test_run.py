@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -251,8 +252,9 @@ def test_a_file_in_place_of_the_folder_is_found_before_the_run(tmp_path: Path) -
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a folder that refuses root, too")
 def test_a_folder_that_takes_no_files_is_found_before_the_run() -> None:
-    with pytest.raises(RunFileError, match="cannot be written"):
+    with pytest.raises(RunFileError, match=r"/proc/run\.h5: cannot be written") as refused:
         check_writable("/proc/run.h5")
+    assert ".part" not in str(refused.value)
 
 
 def test_a_name_that_is_too_long_is_found_before_the_run(tmp_path: Path) -> None:
@@ -290,6 +292,32 @@ def test_a_failed_save_leaves_the_folder_as_it_was(
             run.save(target)
     assert list(saved.parent.iterdir()) == [saved]
     assert saved.read_bytes() == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
+def test_a_disk_that_is_full_is_an_error_and_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    """A limit on the size of a file in place of it, saved and recorded: 0 is full already."""
+    program = (
+        "import os, resource\n"
+        "from rcmqp import load_scenario, make_controller, simulate\n"
+        "from rcmqp.errors import RunFileError\n"
+        "from rcmqp.simulate import record\n"
+        "s = load_scenario('conical_helix', duration=2.0)\n"
+        "controller = make_controller('dual_quaternion', s.insertion(), s.period)\n"
+        "run = simulate(s, controller)\n"
+        "for size in (0, 8_000, 300_000, 1_300_000):\n"
+        "    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))\n"
+        "    for write in (run.save, lambda path: record(s, controller, path)):\n"
+        "        try:\n"
+        "            write('run.h5')\n"
+        "        except RunFileError as error:\n"
+        "            print(error.reason, os.listdir())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines() == 8 * ["could not be written: File too large []"]
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_others_may_read_a_saved_run_as_they_may_any_new_file(saved: Path) -> None:

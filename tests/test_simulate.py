@@ -8,6 +8,7 @@ import math
 import platform
 import subprocess
 import sys
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, cast
 
@@ -449,12 +450,53 @@ def test_a_task_of_a_wrong_shape_is_refused_by_its_name_before_anything_moves() 
         def evaluate(self, state: ArmState, reference: Reference) -> Residual:
             return Residual(np.zeros(2), np.zeros((2, 5)), np.zeros(2))
 
+    class Empty(Task):
+        def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+            return cast(Residual, None)
+
     scenario = load_scenario("conical_helix", duration=0.1)
     insertion = scenario.insertion()
-    for task, message in ((Lopsided(), r"Lopsided: error \(2,\)"), (Narrow(), "'task'.* 5 ")):
+    for task, message in (
+        (Lopsided(), r"Lopsided: error \(2,\)"),
+        (Narrow(), "'task'.* 5 "),
+        (Empty(), r"step: Empty\.evaluate\(\) returned None, it must be a Residual"),
+    ):
         made = HierarchicalQP(insertion, scenario.period, levels=[RcmTask(), task])
         with pytest.raises(InvalidProblem, match=message):
             simulate(scenario, made)
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, np.linalg.LinAlgError])
+def test_an_error_in_the_first_step_is_refused_and_a_later_one_stops_the_arm(
+    error: type[Exception],
+) -> None:
+    @dataclass(frozen=True, eq=False)
+    class Failing(DualQuaternion):
+        after: int = 0
+
+        def _step(self, state: ArmState, reference: Reference) -> Command:
+            steps.append(None)
+            if len(steps) > self.after:
+                raise error("no way")
+            return super()._step(state, reference)
+
+    scenario = load_scenario("conical_helix", duration=0.01)
+    steps: list[None] = []
+    with pytest.raises(InvalidProblem, match=rf"a single step: {error.__name__}: no way"):
+        simulate(scenario, Failing(scenario.insertion(), scenario.period))
+    steps.clear()
+    run = simulate(scenario, Failing(scenario.insertion(), scenario.period, after=4))
+    assert run.stops == {f"{error.__name__}: no way": list(range(4, 11))}
+
+
+def test_a_stop_that_is_no_error_may_be_the_first() -> None:
+    class Waiting(DualQuaternion):
+        def _step(self, state: ArmState, reference: Reference) -> Command:
+            return self.safe_stop(state, "the QP has no solution: not yet")
+
+    scenario = load_scenario("conical_helix", duration=0.01)
+    run = simulate(scenario, Waiting(scenario.insertion(), scenario.period))
+    assert len(run.stops["the QP has no solution: not yet"]) == scenario.cycles
 
 
 def test_a_view_deeper_than_the_shaft_is_long_is_refused_with_its_time() -> None:

@@ -105,6 +105,10 @@ class HierarchicalQP(Controller):
         levels, limits = self.levels, self.limits
         if levels is None:
             levels = _levels(self)
+        if not len(levels):
+            raise OptionError(
+                "levels is empty; give at least one task, or None for the usual ones"
+            )
         if limits is None:
             limits = default_limits(self.insertion, self.period, self.limit_gain)
         object.__setattr__(self, "_levels", tuple(levels))

@@ -35,7 +35,7 @@ class Constraint:
         names: of the rows, for messages.
 
     Raises:
-        InvalidProblem: sizes that do not belong together.
+        InvalidProblem: sizes that do not belong together, or an empty box.
     """
 
     lower: Array
@@ -51,12 +51,22 @@ class Constraint:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "names", tuple(self.names))
-        n, m = self.lower.size, len(self.names)
+        n, m = self.lower.size, self.d.size
         found = self.lower.shape, self.upper.shape, self.C.shape, self.d.shape
         if found != ((n,), (n,), (m, n), (m,)):
             raise InvalidProblem(
-                f"lower, upper, C and d have shapes {found} and there are {m} names; {m} rows for "
-                f"{n} joints need {((n,), (n,), (m, n), (m,))}"
+                f"lower, upper, C and d have shapes {found}; they must be (nv,), (nv,), (m, nv) "
+                "and (m,)"
+            )
+        if len(self.names) != m:
+            raise InvalidProblem(
+                f"C has {m} rows, and there are {len(self.names)} names, {self.names}; give a "
+                "list with a name for each row"
+            )
+        if not (self.lower <= self.upper).all():
+            raise InvalidProblem(
+                f"lower = {self.lower} and upper = {self.upper} leave an empty box; give numbers "
+                "with lower <= upper"
             )
 
     @classmethod
@@ -176,10 +186,13 @@ def combine(
         state: of the arm, with its velocity.
         reference: where the trocar is and how it moves.
         joints: (nv,) names for messages; ``v[0]``, ``v[1]``, ... if not given.
+
+    Raises:
+        InvalidProblem: what a limit gives is no Constraint for this arm; with its name.
     """
     n = state.angles.size
     lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
-    found = [limit.evaluate(state, reference) for limit in limits]
+    found = [_checked(limit, state, reference) for limit in limits]
     for constraint in found:
         lower, upper = intersect(lower, upper, constraint.lower, constraint.upper)
     rows = [name for constraint in found for name in constraint.names]
@@ -190,6 +203,20 @@ def combine(
         np.concatenate([np.zeros(0), *(constraint.d for constraint in found)]),
         (*(joints or [f"v[{i}]" for i in range(n)]), *rows),
     )
+
+
+def _checked(limit: Limit, state: ArmState, reference: Reference) -> Constraint:
+    """What a limit allows."""
+    kind, n = type(limit).__name__, state.angles.size
+    try:
+        found = limit.evaluate(state, reference)
+    except InvalidProblem as error:
+        raise InvalidProblem(f"{kind}: {error}") from error
+    if not isinstance(found, Constraint):
+        raise InvalidProblem(f"{kind}.evaluate() returned {found!r}, it must be a Constraint")
+    if found.lower.size != n:
+        raise InvalidProblem(f"{kind} is for {found.lower.size} joints, the arm has {n}")
+    return found
 
 
 def intersect(

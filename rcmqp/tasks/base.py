@@ -109,12 +109,16 @@ class Task(abc.ABC):
         """The task as a level of a hierarchy, in the error's unit per second.
 
         Raises:
-            InvalidProblem: what evaluate() gives does not belong together.
+            InvalidProblem: what evaluate() gives does not belong together, or is no Residual.
         """
         try:
             residual = self.evaluate(state, reference)
         except InvalidProblem as error:
             raise InvalidProblem(f"{type(self).__name__}: {error}") from error
+        if not isinstance(residual, Residual):
+            raise InvalidProblem(
+                f"{type(self).__name__}.evaluate() returned {residual!r}, it must be a Residual"
+            )
         wanted = -self.gain * residual.error - residual.drift
         return Level(residual.jacobian, wanted, self.name)
 
