@@ -1,4 +1,4 @@
-"""Colours that tell runs apart, in figures and on the page."""
+"""Colours of runs and of the camera task's spheres, in figures and on the page."""
 
 from __future__ import annotations
 
@@ -14,3 +14,7 @@ COLOURS = (
 )
 """Six of Okabe and Ito's, and a violet and a brown that are no nearer to them for the
 colour-blind; one a run, as many as there are controllers."""
+
+SPHERES = ((0.84, 0.37, 0.0), (0.94, 0.89, 0.26), (0.0, 0.62, 0.45), (0.0, 0.45, 0.70))
+"""Of the camera task's objectives, in their order, red, green, blue from 0 to 1: four of Okabe
+and Ito's."""

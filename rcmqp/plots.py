@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,33 +22,53 @@ from rcmqp.run import Run
 STYLES = ("-", "--", "-.", ":")
 FLOOR_MM = 1e-13
 """Where a logarithmic axis ends at the latest [mm]; what is less, as zero is, is drawn there."""
+WIDE = 44
+"""Letters of a line of what tells a run apart, at most."""
 SHAFTS = 7
 """How many times the shaft is drawn along a trajectory."""
 
 
-def trajectory_figure(runs: Sequence[Run]) -> Figure:
+def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure:
     """Tip trajectories in space, one column a run, as the paper's Fig. 2.
 
     Above, the arm at the start with its instrument, in the world [m]. Below, the trajectory in
-    the axes of the effector at the start, with the trocar at the origin [mm]; the shaft is drawn
-    at a few instants, from the trocar to the tip.
+    the axes of the effector at the start, with the trocar at the origin, wherever it moves to
+    [mm]; the shaft is drawn at a few instants, from the trocar to the tip.
+
+    Args:
+        runs: at least one.
+        labels: what tells the runs apart; controller and period without it.
     """
     figure = Figure(figsize=(4.8 * len(runs), 7.6), layout="constrained")
     for i, run in enumerate(runs):
-        for row, draw in enumerate((_draw_arm, _draw_trajectory)):
-            axes = figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
-            draw(axes, run, COLOURS[i % len(COLOURS)])
+        above, below = (
+            figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
+            for row in (0, 1)
+        )
+        marks = _marks(run)
+        told = f"{marks['arm']}\n{_wrapped(labels[i])}" if labels else ", ".join(marks.values())
+        above.set_title(told, fontsize=10, y=0.98)
+        _draw_arm(above, run, COLOURS[i % len(COLOURS)])
+        _draw_trajectory(below, run, COLOURS[i % len(COLOURS)])
     return figure
 
 
-def error_figure(runs: Sequence[Run], *, logarithmic: bool = False) -> Figure:
+def error_figure(
+    runs: Sequence[Run], *, logarithmic: bool = False, labels: Sequence[str] = ()
+) -> Figure:
     """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3.
 
     What all runs share of arm and period is the title; the legend says the rest.
+
+    Args:
+        runs: at least one.
+        logarithmic: whether the errors' axes are.
+        labels: what tells the runs apart; arm, controller and period without it.
     """
     figure = Figure(figsize=(8.0, 5.4), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    title, labels = _title_and_labels(runs)
+    title, names = _title_and_labels(runs)
+    names = [_wrapped(label) for label in labels] or names
     for plot, name in zip(axes, ("tip", "RCM"), strict=True):
         errors = [1e3 * getattr(run, f"{name.lower()}_error") for run in runs]
         if logarithmic:
@@ -56,7 +77,7 @@ def error_figure(runs: Sequence[Run], *, logarithmic: bool = False) -> Figure:
             plot.plot(
                 run.time,
                 error,
-                label=labels[i],
+                label=names[i],
                 color=COLOURS[i % len(COLOURS)],
                 linestyle=STYLES[i % len(STYLES)],
                 linewidth=1.4,
@@ -67,7 +88,7 @@ def error_figure(runs: Sequence[Run], *, logarithmic: bool = False) -> Figure:
     figure.legend(
         *axes[0].get_legend_handles_labels(),
         loc="outside upper center",
-        ncols=4 if max(map(len, labels)) < 18 else 2,
+        ncols=4 if max(map(len, names)) < 18 else 2,
         frameon=False,
     )
     return figure
@@ -90,7 +111,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
 def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
     insertion = run.insertion()
     arm = insertion.arm.skeleton(run.q[0])
-    pivot = np.array(run.scenario.trocar.pivot)
+    pivot = run.pivot[0]
     axes.plot(*arm[:-1].T, color="0.45", linewidth=5, solid_capstyle="round", marker="o")
     axes.plot(*np.array([arm[-2], run.tip[0]]).T, color="0.2", linewidth=1.6)
     axes.plot(*run.tip.T, color=colour, linewidth=1.2)
@@ -100,7 +121,6 @@ def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
     low, high = centre - half, centre + half
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_title(_label(run), fontsize=10, y=0.98)
     axes.locator_params(nbins=5)
     axes.zaxis.labelpad = 9
     axes.set_box_aspect((1, 1, 1), zoom=0.9)
@@ -127,13 +147,14 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
 
 
 def _from_trocar(run: Run, points: Array) -> Array:
-    """Points (n, 3) in the world, seen from the trocar in the axes of the start [mm]."""
+    """Points (n, 3) in the world, seen from where the trocar is then, in the start's axes [mm]."""
     start = dq.quaternion_conj(dq.P(run.x_d[0]))
-    return 1e3 * dq.rotate(start, points - np.array(run.scenario.trocar.pivot))
+    return 1e3 * dq.rotate(start, points - run.pivot)
 
 
-def _label(run: Run) -> str:
-    return ", ".join(_marks(run).values())
+def _wrapped(label: str) -> str:
+    """In lines short enough for half a figure."""
+    return textwrap.fill(label, WIDE)
 
 
 def _marks(run: Run) -> dict[str, str]:

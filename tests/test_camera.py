@@ -16,9 +16,10 @@ from rcmqp.camera import NOTHING, OUTSIDE, Pinhole, camera_pose, in_camera
 from rcmqp.dualquaternion import Array, from_se3, to_se3
 from rcmqp.errors import OptionError
 from rcmqp.operators import CameraTrial
+from rcmqp.palette import SPHERES
 from rcmqp.reference import view_pose
 from rcmqp.scene import Sphere
-from rcmqp.study.figures import SPHERES, views
+from rcmqp.study.figures import views
 
 
 def silhouette(c: Array, radius: float, focal_length: float, size: int) -> Outline:

@@ -15,7 +15,8 @@ from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
 from rcmqp.metrics import compute_metrics
-from rcmqp.report.build import write_report
+from rcmqp.report.build import pictures, write_report
+from rcmqp.report.groups import groups_of
 from rcmqp.viewer.browser import PATIENCE, browser
 
 FILES = ("paper.h5", "qp.h5", "slow.h5", "other.h5")
@@ -55,6 +56,21 @@ def test_tables_are_there_as_page_markdown_and_csv(folder: Path, runs: list[Run]
         shown = f"{compute_metrics(run).tip_rms_mm:.4g}"
         assert f"| {shown} |" in (folder / "report.md").read_text()
         assert f">{shown}</td>" in (folder / "index.html").read_text()
+
+
+def test_figures_tell_runs_of_one_controller_apart(runs: list[Run]) -> None:
+    faster = dataclasses.replace(runs[0], options={**runs[0].options, "gain": 30.0})
+    slow = dataclasses.replace(runs[0], options={**runs[0].options, "feed_forward": False})
+    (group,) = groups_of([runs[0], faster, slow], FILES[:3])
+    trajectories, errors = (picture.figure for picture in pictures(group))
+    titles = [axes.get_title() for axes in trajectories.axes if axes.get_title()]
+    assert [title.splitlines()[0] for title in titles] == 2 * ["Schunk LWA3"]
+    assert [title.partition("\n")[2].replace("\n", " ") for title in titles] == group.labels[:2]
+    legend = [text.get_text().replace("\n", " ") for text in errors.legends[0].get_texts()]
+    assert legend == group.labels
+    assert len(set(legend)) == 3
+    for text in [*titles, *legend]:
+        assert "dual_quaternion" in text
 
 
 def test_every_file_that_the_page_names_is_there_and_no_other_address(folder: Path) -> None:

@@ -18,6 +18,7 @@ from rcmqp.scene import Sphere
 from rcmqp.viewer import browser, capture, page
 from rcmqp.viewer.build import run_labels
 from rcmqp.viewer.shapes import arm_parts
+from rcmqp.viewer.table import versions_text
 from rcmqp.viewer.timeline import BINS, envelope, frames, slip
 
 
@@ -117,7 +118,22 @@ def test_runs_are_told_apart_by_what_differs(run: Run) -> None:
     assert run_labels([run]) == ["dual_quaternion"]
     assert run_labels([run, other])[1] == "dual_quaternion, gain = 30.0"
     assert run_labels([run, helix(period=0.008)])[1] == "dual_quaternion, T = 8 ms"
+    seeded = dataclasses.replace(run, scenario=dataclasses.replace(run.scenario, seed=7))
+    assert run_labels([run, seeded]) == ["dual_quaternion, seed = 0", "dual_quaternion, seed = 7"]
     assert len(set(run_labels([run, run, run]))) == 3
+
+
+def test_lengths_periods_and_seeds_are_those_of_the_runs(run: Run) -> None:
+    other = helix(period=0.008)
+    rows = {name: values[:21] for name, values in other.rows().items()}
+    scenario = dataclasses.replace(other.scenario, seed=7)
+    short = dataclasses.replace(other, scenario=scenario).with_rows(rows, {}, {})
+    assert versions_text([run, run]).startswith(
+        "0.4 s, sampled every 4 ms; seed 0; example-robot-data "
+    )
+    assert versions_text([run, short, run]).startswith(
+        "0.4 s and 0.16 s, sampled every 4 ms and 8 ms; seeds 0 and 7; example-robot-data "
+    )
 
 
 @pytest.mark.parametrize(

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import io
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
 
-import matplotlib.image
 import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import assert_allclose
+from opened import Opened, opening
 
 from rcmqp import Run, Scenario, make_controller, simulate
 from rcmqp import dualquaternion as dq
-from rcmqp.dualquaternion import Array
 from rcmqp.palette import COLOURS
 from rcmqp.paths import ViewMoves
 from rcmqp.scene import Sphere
-from rcmqp.viewer.browser import browser, open_page
-from rcmqp.viewer.build import write_page
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Page
 
 VIEW = (0.13, 0.06, 0.0, 0.05)
 CONTROLLERS = ("dual_quaternion", "hierarchical_qp")
@@ -45,40 +36,10 @@ def runs() -> list[Run]:
     ]
 
 
-class Opened:
-    """A page, and what it said and asked for since it was opened."""
-
-    def __init__(self, page: Page, requests: list[str], said: list[str]) -> None:
-        self.page, self.requests, self.said = page, requests, said
-
-    def js(self, expression: str, argument: Any = None) -> Any:
-        return self.page.evaluate(expression, argument)
-
-    def picture(self, before: str = "0", which: str = "scene") -> Array:
-        """Pixels (height, width, 3) of a canvas, 0 to 255, after a piece of JavaScript."""
-        data = self.js(f"{before}, rcmqp.picture('{which}')").partition(",")[2]
-        image = matplotlib.image.imread(io.BytesIO(base64.b64decode(data)))
-        return np.asarray(255.0 * image[..., :3])
-
-    def seek(self, t: float) -> None:
-        self.js("t => rcmqp.seek(t)", t)
-
-
 @pytest.fixture(scope="module")
 def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
-    file = write_page(runs, tmp_path_factory.mktemp("page") / "runs.html")
-    requests: list[str] = []
-    said: list[str] = []
-
-    def listen(page: Page) -> None:
-        page.on("request", lambda request: requests.append(request.url))
-        page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
-        page.on("pageerror", lambda error: said.append(f"error: {error}"))
-
-    with browser() as chromium:
-        context = chromium.new_context(viewport={"width": 800, "height": 520}, offline=True)
-        context.on("page", listen)
-        yield Opened(open_page(context, file), requests, said)
+    with opening(runs, tmp_path_factory.mktemp("page")) as page:
+        yield page
 
 
 @pytest.fixture

@@ -61,7 +61,7 @@ def write_report(
     sections = [
         *opening,
         *(
-            Section(group.title, viewer=group.viewer, pictures=() if opening else _pictures(group))
+            Section(group.title, viewer=group.viewer, pictures=() if opening else pictures(group))
             for group in groups
         ),
         Section("Numbers", f"{compare.as_markdown(_rows(groups))}\nAll columns: [CSV]({NUMBERS})"),
@@ -113,18 +113,19 @@ def _rows(groups: Sequence[Group]) -> list[compare.Row]:
     ]
 
 
-def _pictures(group: Group) -> list[Picture]:
+def pictures(group: Group) -> list[Picture]:
+    """Trajectories of a group's first runs, and the errors of all."""
     drawn = group.runs[:COLUMNS]
     return [
         Picture(
             f"trajectories_{group.stem}",
             "The arm at the start, and the tip's path from the trocar: "
             + ", ".join(group.labels[:COLUMNS]),
-            plots.trajectory_figure(drawn),
+            plots.trajectory_figure(drawn, group.labels),
         ),
         Picture(
             f"errors_{group.stem}",
             "Tip and RCM error over time",
-            plots.error_figure(group.runs, logarithmic=len(group.runs) > 1),
+            plots.error_figure(group.runs, logarithmic=len(group.runs) > 1, labels=group.labels),
         ),
     ]

@@ -16,14 +16,12 @@ from rcmqp.camera import Pinhole, camera_pose
 from rcmqp.devices import HandMapping
 from rcmqp.dualquaternion import Array
 from rcmqp.operators import GROUPS, CameraTrial
+from rcmqp.palette import SPHERES
 from rcmqp.reference import view_pose
 from rcmqp.scenario import Scenario
 from rcmqp.scene import Sphere
 from rcmqp.study.outcome import Outcome
 from rcmqp.study.record import Record
-
-SPHERES = ((0.84, 0.37, 0.0), (0.94, 0.89, 0.26), (0.0, 0.62, 0.45), (0.0, 0.45, 0.70))
-"""Colours of the objectives' spheres, of Okabe and Ito's palette, in their order."""
 
 OBSTACLE = (0.62, 0.62, 0.66)
 PAPER_TIMES = dict(zip(GROUPS, (84.0, 52.0), strict=True))

@@ -138,6 +138,8 @@ def run_labels(runs: Sequence[Run]) -> list[str]:
         marks = [run.controller]
         if any(other.period != run.period for other in alike):
             marks.append(f"T = {1e3 * run.period:g} ms")
+        if any(other.scenario.seed != run.scenario.seed for other in alike):
+            marks.append(f"seed = {run.scenario.seed}")
         marks += [
             f"{name} = {value}"
             for name, value in run.options.items()

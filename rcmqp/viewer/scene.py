@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,12 @@ import umsgpack
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import Insertion
+from rcmqp.instrument import Vector3, vector3
+from rcmqp.operators import CameraTrial
+from rcmqp.palette import SPHERES
 from rcmqp.reference import ViewCommand, view_pose
 from rcmqp.run import Run
+from rcmqp.scene import Sphere
 from rcmqp.viewer.meshcat_ import SetTransform, TreePath
 from rcmqp.viewer.shapes import arm_parts
 
@@ -81,23 +86,53 @@ def surroundings(run: Run, insertion: Insertion) -> dict[str, Any]:
             for sphere in scenario.obstacles
         ],
         "targets": targets(run, insertion).tolist(),
+        "spheres": [
+            {"centre": list(sphere.centre), "radius": sphere.radius, "colour": colour}
+            for sphere, colour in zip(spheres(run, insertion), SPHERES, strict=False)
+        ],
         "skeleton": insertion.arm.skeleton(run.q[0]).tolist(),
-        "deepest": float(
-            np.linalg.norm([run.tip - run.pivot, run.tip_d - run.pivot], axis=-1).max()
-        ),
+        "deepest": _deepest(run, insertion),
     }
 
 
 def targets(run: Run, insertion: Insertion) -> Array:
-    """Tips (m, 3) of the views that a path goes to one by one; they move with the trocar [m].
+    """Tips (m, 3) of the views that are to be shown one by one; they move with the trocar [m].
 
-    Paths without such views, as the helix, have none.
+    They are those of a path's views or a camera task's objectives; a helix has none.
     """
+    if isinstance(run.scenario.path, CameraTrial):
+        return _from_trocar(run, insertion, run.scenario.path.task.targets)
     views = getattr(run.scenario.path, "views", ())
     if not views:
         return np.zeros((0, 3))
     poses = [view_pose(insertion.x_rcm, ViewCommand(*view)).x_d for view in views]
     return np.unique(insertion.tip(np.array(poses)).round(9), axis=0)
+
+
+def spheres(run: Run, insertion: Insertion) -> list[Sphere]:
+    """What a camera task asks to be shown, in its order; they move with the trocar [m]."""
+    path = run.scenario.path
+    if not isinstance(path, CameraTrial):
+        return []
+    asked = path.task.spheres
+    centres = _from_trocar(run, insertion, [sphere.centre for sphere in asked])
+    return [
+        Sphere(vector3("centre", centre), sphere.radius)
+        for centre, sphere in zip(centres, asked, strict=True)
+    ]
+
+
+def _from_trocar(run: Run, insertion: Insertion, points: Sequence[Vector3]) -> Array:
+    """Points (m, 3) seen from the trocar in the axes of x_d(0), in the world [m]."""
+    return np.array([insertion.from_start(point) for point in points]) + run.scenario.trocar.pivot
+
+
+def _deepest(run: Run, insertion: Insertion) -> float:
+    """How far from the trocar tips, and what is to be seen, come [m]."""
+    pivot = np.array(run.scenario.trocar.pivot)
+    tips = np.concatenate([run.tip - run.pivot, run.tip_d - run.pivot])
+    seen = [np.subtract(sphere.centre, pivot) for sphere in spheres(run, insertion)]
+    return float(np.linalg.norm(np.vstack([tips, *seen]), axis=1).max())
 
 
 def _columns(matrix: Array) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from rcmqp.metrics import Metrics, against_limit, compute_metrics
 from rcmqp.run import Run
@@ -45,10 +45,16 @@ def metrics_table(runs: Sequence[Run], labels: Sequence[str], colours: Sequence[
 def versions_text(runs: Sequence[Run]) -> str:
     """What the runs were made with, and how long they are."""
     versions = {f"{name} {version}" for run in runs for name, version in run.versions.items()}
-    periods = sorted({run.period for run in runs})
-    times = ", ".join(f"{1e3 * period:g} ms" for period in periods)
-    scenario = runs[0].scenario
+    lengths = _all(f"{run.time[-1]:.4g} s" for run in runs)
+    periods = _all(f"{1e3 * run.period:g} ms" for run in runs)
+    seeds = _all(str(run.scenario.seed) for run in runs)
     return (
-        f"{scenario.duration:g} s, sampled every {times}; seed {scenario.seed}; "
+        f"{lengths}, sampled every {periods}; {'seeds' if ' and ' in seeds else 'seed'} {seeds}; "
         f"{', '.join(sorted(versions))}"
     )
+
+
+def _all(texts: Iterable[str]) -> str:
+    """Each text once, in the order in which they come: a, b and c."""
+    *first, last = dict.fromkeys(texts)
+    return f"{', '.join(first)} and {last}" if first else last

@@ -102,6 +102,12 @@ class Arm {
     }
   }
 
+  // How it was shown, by what is drawn.
+  get look() {
+    const [[mesh]] = this.solid;
+    return !this.base.visible ? "hidden" : mesh.material === this.ghost ? "ghost" : "solid";
+  }
+
   pose(t) {
     const angles = sample(this.run, "angles", t);
     const turn = new MeshCat.THREE.Quaternion();

@@ -1,7 +1,7 @@
 // The page's one clock, and everything that it drives: scene, endoscope, plots, legend.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
-const MAGNIFY = [1, 10, 100, 1000];
+const MAGNIFY = [1, 10, 100, 1000, 10000]; // a helix at 1 kHz slips by tenths of a micrometre
 
 const $ = (id) => document.getElementById(id);
 
@@ -120,9 +120,10 @@ function furnishControls() {
     row.addEventListener("click", () => choose({ main: i }));
     $("caption").append(mark("", run.label, run.colour));
   });
-  const { targets, obstacles } = data.scene;
-  for (const [name, there] of [["desired tip", true], ["target", targets.length], ["obstacle", obstacles.length]]) {
-    if (!there) continue;
+  const { targets, spheres, obstacles } = data.scene;
+  const there = { "desired tip": [0], target: targets, sphere: spheres, obstacle: obstacles };
+  for (const name in there) {
+    if (!there[name].length) continue;
     $("caption").append(mark(name.split(" ")[0], name));
     $("keys").querySelector("br").before(mark(name.split(" ")[0], name));
   }
@@ -175,9 +176,18 @@ window.rcmqp = {
   theme,
   draw: () => stage.render(),
   pose: (run, link) => stage.arms[run].matrix(link),
+  // Corners of boxes around what has a name, in the world [m].
+  boxes: (name) => stage.things[name].map((object) => {
+    object.updateWorldMatrix(true, true);
+    const { min, max } = new MeshCat.THREE.Box3().setFromObject(object);
+    return [min.toArray(), max.toArray()];
+  }),
+  // Whether each of what has a name is there; how an arm is: solid, ghost or hidden.
+  shown: (name) => stage.things[name].map((object) => object.visible),
+  arm: (run) => stage.arms[run].look,
   show(name, on) {
-    const objects = name === "arm" ? [stage.arms[state.main].base] : stage.things[name];
-    for (const object of objects) object.visible = on;
+    const own = { arm: stage.arms[state.main].base, desired: stage.desired[state.main] }[name];
+    for (const object of own ? [own] : stage.things[name]) object.visible = on;
     stage.dirty = true;
   },
   picture(which = "scene") {

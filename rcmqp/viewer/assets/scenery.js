@@ -99,6 +99,8 @@ function makeGround(scene) {
   return ground;
 }
 
+const LEAST_ARROW = 5e-4; // a shorter one is less than a pixel of the close-up [m]
+
 // An arrow of length 1 along y, thin where it is short; scaled by point().
 function makeArrow(colour) {
   const THREE = MeshCat.THREE;
@@ -111,12 +113,13 @@ function makeArrow(colour) {
   for (const mesh of group.children) mesh.renderOrder = 6;
   group.point = (from, vector) => {
     const length = vector.length();
-    group.visible = length > 1e-5;
+    group.visible = length > LEAST_ARROW;
     if (!group.visible) return;
     const tip = Math.min(0.007, 0.5 * length);
     group.position.copy(from);
     group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), vector.clone().divideScalar(length));
-    stem.scale.set(0.0009, length - tip, 0.0009);
+    const thick = Math.min(0.0009, 0.12 * tip); // a third of the head
+    stem.scale.set(thick, length - tip, thick);
     stem.position.y = (length - tip) / 2;
     head.scale.set(0.36 * tip, tip, 0.36 * tip);
     head.position.y = length - tip / 2;

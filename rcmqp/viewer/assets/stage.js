@@ -60,9 +60,12 @@ class Stage {
     this.add("ground", makeGround(scene), site);
     for (const centre of scene.targets)
       this.add("targets", makeBall(centre, 0.003, standard(TARGET, { emissive: 0x554d00 })), this.moving);
+    for (const { centre, radius, colour } of scene.spheres)
+      this.add("spheres", makeBall(centre, radius, standard(new THREE.Color(...colour))), this.moving);
     for (const { centre, radius } of scene.obstacles)
       this.add("obstacles", makeBall(centre, radius, standard(OBSTACLE, { transparent: true, opacity: 0.85 })));
-    this.desired = this.add("desired", thickLine(trail(runs[0], "tip_d").points, 0xb4bac0, 3.2 + 1.8 * runs.length));
+    this.desired = runs.map((run) => // the main run's is shown: seed and controller may make others
+      this.add("desired", thickLine(trail(run, "tip_d").points, 0xb4bac0, 3.2 + 1.8 * runs.length)));
     this.trails = runs.map((run, i) => {
       const { points, times } = trail(run, "tip");
       const line = this.add("trails", thickLine(points, run.colour, 2.4));
@@ -74,7 +77,9 @@ class Stage {
     this.floor = this.add("floor", new THREE.Mesh(new THREE.PlaneGeometry(6, 6), new THREE.ShadowMaterial()));
     this.floor.position.set(home.x, home.y, low);
     this.floor.receiveShadow = true;
-    for (const name of ["wall", "trocar", "slip", "floor", "limits"])
+    const outside = ["wall", "trocar", "slip", "floor", "limits"];
+    if (scene.spheres.length) outside.push("targets"); // the operator sees the spheres only
+    for (const name of outside)
       for (const thing of this.things[name]) thing.traverse((each) => each.layers.set(ARM_LAYER));
   }
 
@@ -102,7 +107,7 @@ class Stage {
       for (let i = 0; i + 2 < tip.length; i += step)
         points.push(new THREE.Vector3(tip[i], tip[i + 1], tip[i + 2]), new THREE.Vector3(pivot[i], pivot[i + 1], pivot[i + 2]));
     }
-    for (const { centre, radius } of scene.obstacles)
+    for (const { centre, radius } of [...scene.obstacles, ...scene.spheres])
       for (const s of [-radius, radius]) points.push(new THREE.Vector3(centre[0] + s, centre[1] + s, centre[2] + s));
     for (const centre of scene.targets) points.push(new THREE.Vector3(...centre));
     return points;
@@ -190,7 +195,7 @@ class Stage {
   theme(name) {
     const theme = THEMES[name];
     this.viewer.renderer.setClearColor(theme.paper, 1);
-    this.desired.material.uniforms.colour.value.set(theme.desired);
+    for (const line of this.desired) line.material.uniforms.colour.value.set(theme.desired);
     this.floor.material.opacity = theme.shadow;
     this.dirty = true;
   }
@@ -204,6 +209,7 @@ class Stage {
       this.frame();
     }
     this.arms.forEach((arm, i) => arm.show(i === main ? "solid" : ghosts ? "ghost" : "hidden"));
+    this.desired.forEach((line, i) => (line.visible = i === main));
     // The main run's trail is thin and in front, so that the others show beside it, each wider.
     this.trails.forEach(({ line }, i) => {
       const rank = i === main ? 0 : i < main ? i + 1 : i;
@@ -274,7 +280,8 @@ class Stage {
   // How large the RCM error is; it stands in a corner of the close-up, or of the pane without one.
   label(size) {
     const text = this.pane.querySelector("#slip");
-    text.textContent = `RCM error ${millimetres(size)}, drawn \u00d7${this.magnify}`;
+    const drawn = this.magnify * size > LEAST_ARROW ? `drawn \u00d7${this.magnify}` : "too small to draw";
+    text.textContent = `RCM error ${millimetres(size)}, ${drawn}`;
   }
 }
 
