@@ -5,6 +5,7 @@ import importlib.util
 import shutil
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from helpers import assert_allclose
@@ -167,8 +168,10 @@ def test_a_damaged_file_ends_the_command_with_its_name(
 ) -> None:
     file = tmp_path / "run.h5"
     run.save(file)
+    with h5py.File(file, "r") as stored:
+        position = stored["x"].id.get_chunk_info(0).byte_offset
     data = bytearray(file.read_bytes())
-    data[len(data) // 2] ^= 0xFF
+    data[position] ^= 0xFF
     file.write_bytes(data)
     with pytest.raises(SystemExit, match="1"):
         main(["view", str(file), "--html", str(tmp_path / "run.html"), "--no-open"])
