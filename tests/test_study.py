@@ -24,6 +24,7 @@ from rcmqp import compute_metrics, simulate
 from rcmqp.cli import main
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, RunFileError, UnknownName
+from rcmqp.study.comparisons import comparison_table, side_by_side
 from rcmqp.study.outcome import Outcome, outcome_of
 from rcmqp.study.perform import RUNS, Performed, perform, trial_file
 from rcmqp.study.plan import Law, Study
@@ -290,12 +291,12 @@ def test_holms_correction_is_holms() -> None:
     assert holm([0.9, 0.8]) == [1.0, 1.0]
 
 
-def outcomes(law: str, shift: float) -> list[Outcome]:
+def outcomes(law: str, shift: float, arm: str = "lwa3") -> list[Outcome]:
     return [
         Outcome(
             i,
             ("novice", "experienced")[i % 2],
-            "lwa3",
+            arm,
             law,
             8e-3,
             finished=True,
@@ -343,12 +344,79 @@ def test_the_table_holds_the_outcomes_beside_the_papers(tmp_path: Path) -> None:
         assert rows[label][0] == paper
 
 
+def cells_of(text: str, start: str) -> list[list[str]]:
+    """The cells of every line of a Markdown table that begins so."""
+    lines = (line for line in text.splitlines() if line.startswith(start))
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
 def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
     first, second = outcomes("a, 8 ms", 0.0), outcomes("b, 1 ms", -0.25)
     text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
-    (line,) = (line for line in text.splitlines() if line.startswith("| a, 8 ms | b, 1 ms | tip"))
-    cells = [cell.strip() for cell in line.strip("|").split("|")]
-    assert cells[3:5] == ["4", "-0.25"]
+    (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | tip")
+    assert cells[4:6] == ["4", "-0.25"]
+    assert "With 4 people p, rank is 0.12 at the least" in text
+    assert "0.62 corrected for 5 comparisons: too few people" in text
+
+
+def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path) -> None:
+    """Two arms, two controllers: the difference of the arms is another with each controller."""
+    all_four = [
+        *outcomes("a", 0.0),
+        *outcomes("b", 1.0),
+        *outcomes("a", 0.5, "panda"),
+        *outcomes("b", 3.5, "panda"),
+    ]
+    text = comparison_table(all_four)
+    lwa3, panda = "Schunk LWA3", "Franka Emika Panda"
+    for ends, change in (
+        (f"| a | b | {lwa3}", "1"),
+        (f"| a | b | {panda}", "3"),
+        (f"| {lwa3} | {panda} | a", "0.5"),
+        (f"| {lwa3} | {panda} | b", "2.5"),
+    ):
+        (cells,) = cells_of(text, f"{ends} | tip_rms_mm |")
+        assert cells[5] == change
+    assert side_by_side(all_four).splitlines()[0].count(f"{panda}, b") == 1
+
+
+def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> None:
+    first = outcomes("a", 0.0)
+    nearer = dataclasses.replace(first[3], obstacle_shaft_mm=-1.25, tip_max_mm=9.0)
+    text = side_by_side(
+        [*first, *outcomes("b", 0.25)[:3], dataclasses.replace(nearer, controller="b")]
+    )
+    for start, expected in (
+        ("| the same, worst trial", ["-1", "-1.2", "", ""]),
+        ("| tip error, largest", ["4", "9", "", ""]),
+        ("| least distance, shaft", ["5", "4.9", "-0.062 [-0.26, 0.14]", "1"]),
+        ("| finished; touched", ["4; 1", "4; 1", "", ""]),
+    ):
+        (cells,) = cells_of(text, start)
+        assert cells[1:] == expected
+    assert not side_by_side(first)
+
+
+def test_the_readmes_comparison_has_the_rows_that_a_study_writes() -> None:
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    pasted = readme[readme.index("rcmqp study camera_task -c dual_quaternion -c") :]
+    rows = side_by_side([*outcomes("a", 0.0), *outcomes("b", 0.1)])
+    labels = [cells[0] for cells in cells_of(rows, "|")]
+    assert [cells[0] for cells in cells_of(pasted, "|")[: len(labels)]] == labels
+
+
+def test_a_limit_reached_to_rounding_is_kept(tmp_path: Path) -> None:
+    at = [
+        dataclasses.replace(o, speed_ratio_max=1.0 + 2e-16, limit_margin_min_rad=-2e-16)
+        for o in outcomes("a", 0.0)
+    ]
+    over = [
+        dataclasses.replace(o, speed_ratio_max=1.0 + 1e-6, limit_margin_min_rad=-1e-6) for o in at
+    ]
+    for group, count in ((at, "0 of 4"), (over, "4 of 4")):
+        rows = rows_of(table(Performed(Study(), tmp_path, group)))
+        assert rows["above a joint's speed limit"][1] == count
+        assert rows["beyond a joint's position limit"][1] == count
 
 
 def test_every_trial_is_a_row_of_the_csv() -> None:
