@@ -46,6 +46,7 @@ MEASURES = (
     ),
     Measure("tip error, rms [mm]: the camera", "tip_rms_mm", ".4f", "0.3398 ± 0.0163 (*)"),
     Measure("RCM error, rms [mm]", "rcm_rms_mm", ".3g", "0.00710 ± 0.00706"),
+    Measure("the same, while the camera moves [mm]", "rcm_rms_moving_mm", ".3g"),
     Measure(
         "least distance, camera to obstacle [mm]", "obstacle_tip_mm", ".2f", "12.52 ± 5.03 (**)"
     ),
@@ -53,6 +54,7 @@ MEASURES = (
         "least distance, shaft to obstacle [mm]", "obstacle_shaft_mm", ".2f", "12.52 ± 5.03 (**)"
     ),
     Measure("tip speed asked for, rms [mm/s]", "tip_speed_rms_mm_s", ".1f"),
+    Measure("share of time at less than 10 mm/s", "slow_share", ".2f"),
 )
 """Rows with mean and standard deviation."""
 
@@ -78,13 +80,17 @@ measures the distance is not said. Both are to the obstacle's surface: from the 
 point, and from the shaft's surface.
 
 ± is the standard deviation between operators, [ ] the interval of the mean at 95 % confidence
-(Student's t). The operators are a model; the times spent looking, and with them the completion
-times, rest on parameters fitted to the paper's own mean and deviation before this study, and are
-no result. What the paper leaves open, the scene, the period, the arm and the device's viscosity,
-is chosen: see scenarios/camera_task.py and `rcmqp.operators.population`. The law's RCM error
-grows with the period and the square of the speed; the model stands still while it looks, and
-moves at 60 or 80 mm/s at the most, where the paper's largest error, 4.82 mm, is a step that took
-the camera there at once. hierarchical_qp holds tip and roll as one level.
+(Student's t). The operators are a model. The times spent looking, and with them the completion
+times, rest on parameters fitted to the paper's own mean and deviation before this study, and how
+the operators keep off the obstacle was set after trials in which one in twenty touched it: times
+and collisions are no result. What the paper leaves open, the scene, the period, the arm and the
+device's viscosity, is chosen: see scenarios/camera_task.py and `rcmqp.operators.population`; an
+objective counts as reached as soon as the camera is within 1 mm of it, however fast. Controllers
+are compared at the periods named: the law's RCM error grows with the period and the square of
+the speed. The model moves at 60 or 80 mm/s at the most; the paper's largest error, 4.82 mm, asks
+for 290 mm/s, or for a jump. The same people look for the same times with every controller.
+hierarchical_qp holds tip and roll as one level. It knows the obstacle and keeps the shaft out of
+it, whatever the operator asks for; the paper's law does not.
 """
 
 
