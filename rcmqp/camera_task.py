@@ -30,7 +30,7 @@ class CameraTask:
         target_depth: distance of the objectives' plane from the trocar [m]: as deep as the helix
             of experiment A goes, where the corners need a tilt of 14.2 deg.
         standoff: from that plane to the spheres' [m]: a close-up in which the sphere fills a
-            fifth of the image's width and the others are out of sight, so that each view is a
+            sixth of the image's width and the others are out of sight, so that each view is a
             view of one sphere.
         sphere_radius: [m]; seen from the start it is as wide as a fingertip at arm's length.
         obstacle_radius: of the big sphere, mid-way between objectives 2 and 3 [m]: twice that of

@@ -12,7 +12,15 @@ from pathlib import Path
 
 
 class RcmqpError(Exception):
-    """Root of every error that rcmqp raises on purpose."""
+    """Root of every error that rcmqp raises on purpose; gets home from any process whole."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """For pickle, which would call the class with the message in place of its arguments."""
+        return _restored, (type(self), self.args), self.__dict__
+
+
+def _restored(kind: type[RcmqpError], arguments: tuple[object, ...]) -> RcmqpError:
+    return kind.__new__(kind, *arguments)
 
 
 class UnknownName(RcmqpError, LookupError):

@@ -299,6 +299,12 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
             if stream.read(len(SIGNATURE)) != SIGNATURE:
                 raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
         with h5py.File(path, "r", rdcc_nbytes=0) as file:  # a chunk is read when it is asked for
+            if file.attrs.get("format") == "rcmqp trial":
+                raise RunFileError(
+                    path,
+                    "a study's trial, which holds numbers and no run; simulate it again: "
+                    f"rcmqp study {path} --out again",
+                )
             if file.attrs.get("format") != FORMAT:
                 raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
             version = int(file.attrs["format_version"])

@@ -8,9 +8,9 @@ to camera, the device's viscosity, the sampling period, which arm, and from wher
 distance to the obstacle is measured.
 
 The tip starts 10 cm inside, where the helix of experiment A does, and from where all spheres and
-the obstacle are in view; the objectives are 4 cm deeper, where it ends. Two centimetres less, and
-the LWA3 comes to the limit of its sixth joint in one trial of seven. References that are far
-apart go through the paper's planner.
+the greater part of the obstacle are in view; the objectives are 4 cm deeper, where it ends. Two
+centimetres less, and the LWA3 comes to the limit of its sixth joint in one trial of seven.
+References that are far apart go through the paper's planner.
 """
 
 from __future__ import annotations

@@ -122,6 +122,14 @@ def test_the_handle_stops_at_the_edge_of_its_workspace() -> None:
         (lambda: Omega7(viscosity=41.0), "viscosity = 41.0 N s/m, the device renders 0 to 40"),
         (lambda: HandMapping(scale=0.0), "scale = 0.0, it must be positive"),
         (lambda: HandTrace((0.0, 1.0), (STILL, STILL), (True,)), "engaged: 1 for 2 samples"),
+        (
+            lambda: HandTrace((0.0, 1.0), (STILL, STILL), ("false", "true")),  # type: ignore[arg-type]
+            "engaged: 'false', each must be true or false",
+        ),
+        (
+            lambda: HandTrace((0.0, 1.0), (STILL, STILL), (), 1.5),  # type: ignore[arg-type]
+            "mapping = 1.5, it must be of type HandMapping",
+        ),
     ],
 )
 def test_a_device_that_makes_no_sense_is_refused(make: object, message: str) -> None:

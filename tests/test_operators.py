@@ -398,26 +398,17 @@ def test_who_is_less_sure_keeps_wider_of_the_obstacle() -> None:
     assert careless < sure < min(deep, shaky)
 
 
-def test_a_movement_towards_the_obstacle_is_broken_off_when_it_has_been_seen() -> None:
-    """After the delay and the shortest interval; one that passes by is left to end."""
-    asking = steering(CameraTrial(QUICK))
-    x = pose((0.025, -0.025, 0.14))
-    for way, broken_off in (((0.0, 0.05, 0.0), True), ((-0.05, 0.0, 0.0), False)):
-        asking = steering(CameraTrial(QUICK))
-        asking.objective = 2
-        asking._move = aimed = Submovement((0.0, 0.0, 0.0), way, 0.0, 2.0)
-        asking._next = 9.0
-        times = [k * T for k in range(round(2.0 / T))]
-        decided = []
-        for t in times:
-            asking.command(t, x)
-            if asking._move is not aimed:
-                decided.append(t)
-                break
-        assert bool(decided) is broken_off
-        if decided:
-            earliest = max(QUICK.interval, QUICK.delay)
-            assert earliest <= decided[0] <= earliest + 0.05
+def test_a_movement_once_begun_is_ended_whatever_it_leads_to() -> None:
+    """The camera looks ahead: nobody sees the shaft come to the obstacle."""
+    asking, x = steering(CameraTrial(QUICK)), pose((0.025, -0.025, 0.14))
+    asking.objective = 2
+    asking._move = aimed = Submovement((0.0, 0.0, 0.0), (0.0, 0.05, 0.0), 0.0, 2.0)
+    asking._next = 2.0
+    for k in range(round(2.0 / T)):
+        asking.command(k * T, x)
+        assert asking._move is aimed
+    asking.command(2.0, x)
+    assert asking._move is not aimed
 
 
 def test_an_operator_at_the_obstacle_goes_on_even_if_no_way_ever_seems_clear(

@@ -7,6 +7,8 @@ import io
 import re
 from pathlib import Path
 
+import pytest
+
 from rcmqp.metrics import compute_metrics
 from rcmqp.reproduce import ARMS, LAW, PERIODS, comparison_table, helix
 
@@ -14,7 +16,10 @@ README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 SHOWN = re.findall(r"```python\n(.*?)```\n\n(?:```text\n(.*?)```)?", README, flags=re.DOTALL)
 
 
-def test_each_program_runs_and_prints_what_stands_below_it() -> None:
+def test_each_program_runs_and_prints_what_stands_below_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # what they write goes there
     assert sum(bool(printed) for _, printed in SHOWN) >= 4
     for program, printed in SHOWN:
         out = io.StringIO()

@@ -8,6 +8,7 @@ import io
 import json
 import math
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -20,16 +21,19 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import compute_metrics, simulate
+from rcmqp import Run, compute_metrics, simulate
+from rcmqp.arm import ArmState
+from rcmqp.camera_task import CameraTask
 from rcmqp.cli import main
-from rcmqp.controllers import HierarchicalQP
+from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion, HierarchicalQP
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.study.outcome import Outcome, outcome_of
-from rcmqp.study.perform import RUNS, Performed, perform, trial_file
+from rcmqp.operators import CameraTrial, recognition_times
+from rcmqp.reference import Reference
+from rcmqp.study.outcome import outcome_of
+from rcmqp.study.perform import RUNS, Performed, perform, run_trial, trial_file
 from rcmqp.study.plan import Law, Study
 from rcmqp.study.record import Record
 from rcmqp.study.report import write_figures, write_tables
-from rcmqp.study.statistics import holm, paired, summary
 from rcmqp.study.tables import outcomes_csv, table
 from rcmqp.tasks import ObjectiveTask, RcmTask, Together
 
@@ -152,10 +156,156 @@ def test_a_full_disk_is_said_and_leaves_whole_files_only(short: str, tmp_path: P
     assert text_of(perform(chosen, folder)) == text_of(perform(chosen, tmp_path / "whole"))
 
 
+def test_what_another_process_cannot_write_is_an_error_of_ours(short: str, tmp_path: Path) -> None:
+    """A folder has the name of the second of six files."""
+    chosen = study(short, 6)
+    trial_file(tmp_path, chosen.trials()[1]).mkdir(parents=True)
+    with pytest.raises(RunFileError, match=r"could not be written.*of 6 trials are kept: once"):
+        perform(chosen, tmp_path, jobs=2)
+
+
 def test_a_folder_of_another_study_is_refused(short: str, tmp_path: Path) -> None:
     perform(study(short, 1), tmp_path / "out")
     with pytest.raises(RunFileError, match="of another study"):
         perform(study(short, 1, seed=1), tmp_path / "out")
+
+
+def test_a_file_of_another_law_is_not_taken_for_ones_own(short: str, tmp_path: Path) -> None:
+    own, other = (
+        Study(short, 1, laws=(Law(period=0.02, options=(("gain", k),)),)) for k in (20.0, 40.0)
+    )
+    perform(other, tmp_path)
+    file = trial_file(tmp_path, other.trials()[0])
+    file.rename(trial_file(tmp_path, own.trials()[0]))
+    with pytest.raises(RunFileError, match="of another study"):
+        perform(own, tmp_path)
+
+
+def test_arms_of_one_files_name_have_files_of_their_own(tmp_path: Path) -> None:
+    arms = (str(tmp_path / "a" / "arm.urdf"), str(tmp_path / "b" / "arm.urdf"))
+    stems = [trial.stem for trial in Study(operators=1, arms=arms).trials()]
+    assert len(set(stems)) == 2
+    assert all(re.fullmatch(r"arm_[0-9a-f]{8}_dual_quaternion_8ms_operator0000", x) for x in stems)
+    odd = Law(options=(("objective", "a/b c"),)).stem
+    assert "/" not in odd
+    assert odd != Law(options=(("objective", "a/bc"),)).stem
+
+
+def test_an_arm_that_is_there_twice_is_refused(short: str, tmp_path: Path) -> None:
+    """The scenario's own, which is the Panda, and the Panda: nobody counts twice."""
+    with pytest.raises(OptionError, match=r"are only \['panda'\]; give each once"):
+        perform(study(short, 1, arms=("panda", "")), tmp_path)
+
+
+OWN = """
+from dataclasses import dataclass
+from typing import ClassVar
+import sys
+import numpy as np
+from rcmqp.controllers import CONTROLLERS, Command, Controller
+from rcmqp.study.perform import perform
+from rcmqp.study.plan import Law, Study
+
+@dataclass(frozen=True, eq=False)
+class Hold(Controller):
+    name: ClassVar[str] = "hold"
+    def _step(self, state, reference):
+        return Command(np.zeros(self.insertion.arm.nv))
+
+if __name__ == "__main__":
+    CONTROLLERS["hold"] = Hold
+    done = perform(Study(sys.argv[1], 2, laws=(Law("hold", 0.02),)), sys.argv[2], jobs=2)
+    print([outcome.failure for outcome in done.outcomes], len(done.notes))
+"""
+
+
+def test_ones_own_controller_goes_along_to_other_processes(short: str, tmp_path: Path) -> None:
+    """A program that defines one, and two processes that have never heard of it."""
+    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
+    call = [sys.executable, str(tmp_path / "own.py"), short, str(tmp_path / "out")]
+    found = subprocess.run(call, capture_output=True, text=True, check=True)
+    assert found.stdout == "['', ''] 0\n"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fragile(DualQuaternion):
+    """Fails where a file says so."""
+
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        if Path(os.environ["FRAGILE"]).exists():
+            raise OptionError("as it was told to")
+        return super()._step(state, reference)
+
+
+def test_failed_trials_are_told_of_and_run_again(
+    short: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flag = tmp_path / "flag"
+    monkeypatch.setenv("FRAGILE", str(flag))
+    monkeypatch.setitem(CONTROLLERS, "fragile", Fragile)
+    call = ["study", short, "--operators", "1", "-c", "fragile", "--period", "0.02"]
+    flag.touch()
+    for code, note in ((1, "1 of 1 trials failed, the first, operator 0"), (0, "")):
+        with pytest.raises(SystemExit) as ended:
+            main([*call, "--json", "--out", str(tmp_path / "out")])
+        printed = capsys.readouterr()
+        assert ended.value.code == code
+        assert note in printed.err
+        (outcome,) = json.loads(printed.out)
+        assert bool(outcome["failure"]) is bool(code)
+        flag.unlink(missing_ok=True)
+
+
+def test_a_controller_that_cannot_be_made_is_an_error_and_no_outcome(
+    short: str, tmp_path: Path
+) -> None:
+    trial = study(short, 1).trials()[0]
+    broken = dataclasses.replace(trial, law=Law(period=0.02, options=(("gane", 1.0),)))
+    with pytest.raises(UnknownName, match="did you mean gain"):
+        run_trial(broken, tmp_path, CONTROLLERS["dual_quaternion"])
+
+
+def test_a_trial_can_be_looked_at(
+    short: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its file is no run, and says what makes one of it: the same to the bit."""
+    chosen = study(short, 2)
+    performed = perform(chosen, tmp_path / "out")
+    file = trial_file(tmp_path / "out", chosen.trials()[1])
+    with pytest.raises(RunFileError, match=r"rcmqp study .*operator0001.h5 --out again"):
+        Run.load(file)
+    with pytest.raises(SystemExit) as ended:
+        main(["study", str(file), "--out", str(tmp_path / "again")])
+    assert ended.value.code == 0
+    assert "rcmqp view" in capsys.readouterr().out
+    assert Run.load(tmp_path / "again" / file.name).digest == performed.outcomes[1].digest
+
+
+def test_people_are_drawn_never_put_in_place_of_a_scenarios_own(tmp_path: Path) -> None:
+    own = SHORT.format(duration=0.4).replace(
+        "duration=0.4", "path=CameraTrial(operator=Operator(delay=0.3))"
+    )
+    file = tmp_path / "own.py"
+    file.write_text(f"from rcmqp.operators import CameraTrial, Operator\n{own}", encoding="utf-8")
+    with pytest.raises(OptionError, match="has an operator of its own"):
+        perform(study(str(file), 1), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [(("--jobs", "0"), "jobs = 0"), (("--period", "0"), r"period = 0.0 s, it must be positive")],
+)
+def test_zero_jobs_and_a_period_of_zero_are_refused(
+    short: str,
+    tmp_path: Path,
+    option: tuple[str, str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["study", short, *option, "--out", str(tmp_path / "out")])
+    assert ended.value.code == 1
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("dask")
@@ -192,7 +342,7 @@ def test_a_trial_that_fails_is_an_outcome_with_its_reason(tmp_path: Path) -> Non
 def test_hierarchical_qp_holds_tip_and_roll_as_one_level_with_its_own_gains() -> None:
     law = Law("hierarchical-qp", options=(("gain", 50.0), ("K_c", 3.0)))
     (trial,) = Study(operators=1, laws=(law,)).trials()
-    made = trial.controller(trial.made())
+    made = trial.law.controller(trial.made())
     assert isinstance(made, HierarchicalQP)
     assert made.options["levels"] == ["rcm", "tip + roll", "objective"]
     assert made.backend == "active_set"
@@ -205,7 +355,7 @@ def test_hierarchical_qp_holds_tip_and_roll_as_one_level_with_its_own_gains() ->
     assert own.K_c == 3.0
     chosen = Law("hierarchical_qp", options=(("backend", "daqp"), ("K_c", 0.0)))
     (trial,) = Study(operators=1, laws=(chosen,)).trials()
-    made = trial.controller(trial.made())
+    made = trial.law.controller(trial.made())
     assert made.options["levels"] == ["rcm", "tip + roll"]
     assert made.options["backend"] == "daqp"
 
@@ -231,7 +381,7 @@ def test_what_cannot_be_made_is_found_before_the_work(short: str, tmp_path: Path
 def test_an_outcome_has_the_runs_own_numbers_and_the_traces_fit_them(short: str) -> None:
     (trial,) = study(short, 1).trials()
     scenario = trial.made()
-    run = simulate(scenario, trial.controller(scenario))
+    run = simulate(scenario, trial.law.controller(scenario))
     outcome, traces = outcome_of(trial, run)
     metrics = compute_metrics(run)
     for name in ("tip_rms_mm", "effector_max_mm", "rcm_max_mm", "speed_ratio_max"):
@@ -246,6 +396,41 @@ def test_an_outcome_has_the_runs_own_numbers_and_the_traces_fit_them(short: str)
     assert_allclose(traces["tip"][0], [0.0, 0.0, 0.10], rtol=0, atol=1e-7)
 
 
+def test_standing_and_moving_are_told_apart(short: str) -> None:
+    """Somebody who need not look moves at once."""
+    (trial,) = study(short, 1).trials()
+    made = trial.made()
+    assert isinstance(made.path, CameraTrial)
+    quick = dataclasses.replace(made.path.operator, recognition=0.0, delay=0.0)
+    path = dataclasses.replace(made.path, operator=quick)
+    scenario = dataclasses.replace(made, path=path, duration=3.0)
+    run = simulate(scenario, trial.law.controller(scenario))
+    outcome, _ = outcome_of(trial, run)
+    speed = np.linalg.norm(np.diff(run.tip, axis=0), axis=1) / run.period
+    moving = run.rcm_error[1:][speed >= 0.01]
+    assert 0.2 < outcome.slow_share < 0.8
+    assert outcome.slow_share == pytest.approx(1.0 - len(moving) / len(run.time))
+    assert outcome.rcm_rms_moving_mm == pytest.approx(1e3 * np.sqrt(np.mean(moving**2)))
+    assert outcome.rcm_rms_moving_mm > outcome.rcm_rms_mm
+
+
+def test_a_shaft_that_touches_the_obstacle_with_its_side_collides(short: str) -> None:
+    """The tip is 4 cm beyond an obstacle that the shaft's side is 1.5 mm inside of."""
+    (trial,) = study(short, 1).trials()
+    made = trial.made()
+    assert isinstance(made.path, CameraTrial)
+    task = CameraTask(target_depth=0.06, obstacle_radius=0.0215)
+    scenario = dataclasses.replace(made, path=dataclasses.replace(made.path, task=task))
+    outcome, _ = outcome_of(trial, simulate(scenario, trial.law.controller(scenario)))
+    assert made.instrument.radius == 0.005
+    assert outcome.obstacle_shaft_mm == pytest.approx(25.0 - 21.5 - 5.0, abs=0.2)
+    assert outcome.obstacle_tip_mm == pytest.approx(math.hypot(25.0, 40.0) - 21.5, abs=0.2)
+    assert outcome.collided
+    assert outcome.looking_s == pytest.approx(
+        sum(recognition_times(made.path.operator, 4, made.seed))
+    )
+
+
 def test_a_record_survives_its_file(short: str, tmp_path: Path) -> None:
     chosen = study(short, 1)
     perform(chosen, tmp_path)
@@ -254,107 +439,6 @@ def test_a_record_survives_its_file(short: str, tmp_path: Path) -> None:
     assert Record.load(tmp_path / "again.h5").digest == record.digest
     assert record.scenario == chosen.trials()[0].made().to_json()
     assert json.loads(record.scenario)["path"]["operator"]["group"] == "novice"
-
-
-# Statistics and tables ---------------------------------------------------------------------
-
-
-def test_intervals_are_students() -> None:
-    """The textbook's: t(0.975, 4) = 2.7764."""
-    found = summary([1.0, 2.0, 3.0, 4.0, 5.0, math.nan])
-    half = 2.776445 * math.sqrt(2.5 / 5.0)
-    assert (found.count, found.mean, found.least, found.largest) == (5, 3.0, 1.0, 5.0)
-    assert_allclose([found.deviation, found.low, found.high], [2.5**0.5, 3 - half, 3 + half], 1e-6)
-    assert math.isnan(summary([1.0]).low)
-    assert summary([]).count == 0
-
-
-def test_paired_tests_are_scipys_and_see_what_an_unpaired_one_would_not() -> None:
-    from scipy import stats
-
-    rng = np.random.default_rng(7)
-    first = rng.normal(0.0, 10.0, 12)
-    second = first + 1.0 + rng.normal(0.0, 0.3, 12)
-    found = paired(first, second)
-    assert found.p_t == pytest.approx(stats.ttest_rel(second, first).pvalue)
-    assert found.p_signed_rank == pytest.approx(stats.wilcoxon(second, first).pvalue)
-    assert found.p_t < 1e-4 < stats.ttest_ind(first, second).pvalue
-    assert found.difference.mean == pytest.approx(np.mean(second - first))
-    assert paired(first, first).p_t == paired(first, first).p_signed_rank == 1.0
-    assert paired([0.0, 1.0], [1.0, 2.0]).p_t == 0.0
-    assert math.isnan(paired([1.0], [2.0]).p_t)
-
-
-def test_holms_correction_is_holms() -> None:
-    assert_allclose(holm([0.01, 0.04, 0.03, math.nan]), [0.03, 0.06, 0.06, math.nan])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-
-
-def outcomes(law: str, shift: float) -> list[Outcome]:
-    return [
-        Outcome(
-            i,
-            ("novice", "experienced")[i % 2],
-            "lwa3",
-            law,
-            8e-3,
-            finished=True,
-            completion_s=60.0 + i,
-            reached_s=(1.0, 2.0, 3.0, 60.0 + i),
-            looking_s=30.0,
-            tip_rms_mm=0.3 + 0.01 * i**2 + shift,
-            tip_max_mm=1.0 + i,
-            effector_rms_mm=0.1,
-            effector_max_mm=0.5,
-            rcm_rms_mm=0.004,
-            rcm_max_mm=0.02,
-            obstacle_tip_mm=12.0,
-            obstacle_shaft_mm=7.0 - 8.0 * (i == 3),
-            collided=i == 3,
-            tip_speed_rms_mm_s=20.0,
-            speed_ratio_max=0.9,
-            limit_margin_min_rad=0.1,
-        )
-        for i in range(4)
-    ]
-
-
-def rows_of(text: str) -> dict[str, list[str]]:
-    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
-    return {cells[0]: cells[1:] for cells in lines if len(cells) == 5}
-
-
-def test_the_table_holds_the_outcomes_beside_the_papers(tmp_path: Path) -> None:
-    mine = outcomes("dual_quaternion, 8 ms", 0.0)
-    rows = rows_of(table(Performed(Study(), tmp_path, mine)))
-    time = rows["completion time [s]"]
-    assert time[0] == "68.03 ± 30.58; 84 and 52"
-    assert time[1].startswith("61.5 ± 1.3 [59.4, 63.6]")
-    assert time[2].startswith("61.0 ± 1.4 ")
-    assert time[3].startswith("62.0 ± 1.4 ")
-    assert rows["tip error, largest [mm]"] == ["4.82 (*)", "4.00", "3.00", "4.00"]
-    collisions = rows["collisions: the shaft touched the obstacle"]
-    assert collisions == ["0", "1 of 4", "0 of 2", "1 of 2"]
-    for label, paper in (  # its Table I
-        ("RCM error, rms [mm]", "0.00710 ± 0.00706"),
-        ("tip error, rms [mm]: the camera", "0.3398 ± 0.0163 (*)"),
-        ("least distance, camera to obstacle [mm]", "12.52 ± 5.03 (**)"),
-    ):
-        assert rows[label][0] == paper
-
-
-def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
-    first, second = outcomes("a, 8 ms", 0.0), outcomes("b, 1 ms", -0.25)
-    text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
-    (line,) = (line for line in text.splitlines() if line.startswith("| a, 8 ms | b, 1 ms | tip"))
-    cells = [cell.strip() for cell in line.strip("|").split("|")]
-    assert cells[3:5] == ["4", "-0.25"]
-
-
-def test_every_trial_is_a_row_of_the_csv() -> None:
-    rows = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes("a", 0.0)))))
-    assert [float(row["reached_4_s"]) for row in rows] == [60.0, 61.0, 62.0, 63.0]
-    assert rows[3]["collided"] == "True"
 
 
 # The command line --------------------------------------------------------------------------

@@ -28,7 +28,8 @@ class Operator:
             distance, across the image and along the view.
         weber_cross: what the distance across adds to the uncertainty in depth, likewise.
         floor_lateral, floor_depth: what remains of it at the goal [m].
-        depth_bias: standard deviation of a further error in depth, whatever the distance [m].
+        depth_bias: standard deviation of a further error in depth, whatever the distance, drawn
+            anew at each decision [m].
         recognition: mean time to find out from the two pictures where to go [s], once an
             objective; gamma distributed, with ``recognition_shape``.
         recognition_shape: of that distribution.

@@ -75,12 +75,10 @@ class Eyes:
             ex * px + ey * py + ez * pz,
         )
 
-    def look(self, t: float, x: Array) -> bool:
-        """The camera is at the effector pose x (8,) at ``t`` [s]; whether it takes an image."""
-        due = not self._frames or t >= self._frames[-1].t + FRAME_TIME - 1e-9
-        if due:
+    def look(self, t: float, x: Array) -> None:
+        """An image from the effector pose x (8,) at ``t`` [s], if one is due."""
+        if not self._frames or t >= self._frames[-1].t + FRAME_TIME - 1e-9:
             self._frames.append(Frame(t, x))
-        return due
 
     def frame(self, t: float) -> Frame:
         """The image that has come to mind by ``t`` [s]: from ``delay`` ago."""

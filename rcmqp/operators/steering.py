@@ -11,7 +11,7 @@ from rcmqp.devices import Encoder, HandMapping, HandView, Omega7
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import Insertion
 from rcmqp.instrument import Vector3
-from rcmqp.operators.detour import is_clear, passing, via_point
+from rcmqp.operators.detour import is_clear, via_point
 from rcmqp.operators.hand import Hand
 from rcmqp.operators.operator import Operator
 from rcmqp.operators.perception import Eyes
@@ -96,8 +96,8 @@ class Steering:
             if self.objective == len(self._targets):
                 return None
             self._start_objective(t, tip)
-        new = self._eyes.look(t, x)
-        if t >= self._next or (new and self._goes_astray(t)):
+        self._eyes.look(t, x)
+        if t >= self._next:
             self._decide(t)
         state = self._encoder.read(self._hand.position)
         self._hand.step(self._move.position(t))
@@ -124,21 +124,6 @@ class Steering:
         deep = operator.floor_depth + operator.weber_depth * abs(goal[2] - start[2])
         deep += operator.weber_cross * length
         return 0.5 * math.hypot(operator.motor_noise * length, deep)
-
-    def _goes_astray(self, t: float) -> bool:
-        """Whether the rest of the movement, as seen at ``t`` [s], leads to the obstacle."""
-        move, operator = self._move, self._operator
-        if not move.begin + operator.interval <= t < move.begin + move.duration:
-            return False
-        frame = self._eyes.frame(t)
-        seen, gone = self._eyes.tip(frame.x), move.position(frame.t)
-        x, y, z = (
-            p + self._scale * (a + w - h)
-            for p, a, w, h in zip(seen, move.start, move.way, gone, strict=True)
-        )
-        away = passing(seen, (x, y, z), self._task.obstacle)
-        nearest = int(np.argmin(away))
-        return nearest > 0 and bool(away[nearest] < self._touching + operator.margin / 2.0)
 
     def _decide(self, t: float) -> None:
         """Begin a submovement at ``t`` [s]."""

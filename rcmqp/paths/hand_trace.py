@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rcmqp.devices.clutch import Clutch
@@ -33,16 +34,20 @@ class HandTrace:
 
     def __post_init__(self) -> None:
         """Make plain tuples of the samples and check them."""
-        samples, engaged = Sampled(self.times, self.positions), tuple(map(bool, self.engaged))
+        samples, engaged = Sampled(self.times, self.positions), tuple(self.engaged)
+        if wrong := [value for value in engaged if value not in (0, 1)]:
+            raise OptionError(f"engaged: {wrong[0]!r}, each must be true or false")
         if engaged and len(engaged) != len(samples.times):
             raise OptionError(
                 f"engaged: {len(engaged)} for {len(samples.times)} samples; one each, or none"
             )
-        if isinstance(self.mapping, dict):  # out of a file
+        if isinstance(self.mapping, Mapping):  # out of a file
             object.__setattr__(self, "mapping", HandMapping(**self.mapping))
+        elif not isinstance(self.mapping, HandMapping):
+            raise OptionError(f"mapping = {self.mapping!r}, it must be of type HandMapping")
         object.__setattr__(self, "times", samples.times)
         object.__setattr__(self, "positions", samples.positions)
-        object.__setattr__(self, "engaged", engaged)
+        object.__setattr__(self, "engaged", tuple(map(bool, engaged)))
 
     @functools.cached_property
     def way(self) -> Sampled:

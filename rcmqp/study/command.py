@@ -9,6 +9,7 @@ import typer
 
 from rcmqp import console
 from rcmqp.console import out
+from rcmqp.errors import OptionError
 
 Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Processes; -1 for every core.")]
 Operators = Annotated[int, typer.Option(help="How many simulated people; novices take turns.")]
@@ -16,7 +17,9 @@ Seed = Annotated[int, typer.Option(help="Of everything random.")]
 
 
 def study(
-    scenario: Annotated[str, typer.Argument(help="camera_task, or a file like it.")],
+    scenario: Annotated[
+        str, typer.Argument(help="camera_task, a file like it, or a trial's .h5.")
+    ],
     operators: Operators = 20,
     seed: Seed = 0,
     arm: Annotated[
@@ -34,6 +37,9 @@ def study(
         float | None,
         typer.Option(help="T in s; 0.008 for dual_quaternion, 0.001 for others, without it."),
     ] = None,
+    flange: Annotated[
+        str | None, typer.Option(help="With a URDF: the frame that carries the instrument.")
+    ] = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "study"
@@ -50,18 +56,25 @@ def study(
 
     Each trial is a file of its own in the folder; a study that is stopped goes on where it was
     when the same command is given again. The table does not depend on the number of jobs.
+
+    A trial's file holds its numbers and no run. To look at one, simulate it again, whole:
+
+      rcmqp study study/runs/dual_quaternion_8ms_operator0003.h5 --out again
     """
     from rcmqp.study.plan import Law, Study
 
+    if scenario.endswith(".h5"):
+        _remake(Path(scenario), folder)
+        return
     gains: list[float | None] = [*gain] if gain else [None]
+    given = {} if period is None else {"period": period}
     laws = [
-        Law(name, period or 0.0, () if k is None else (("gain", k),))
+        Law(name, options=() if k is None else (("gain", k),), **given)
         for name in controller or ["dual_quaternion"]
         for k in gains
     ]
-    _perform(
-        Study(scenario, operators, seed, tuple(arm or [""]), tuple(laws)), folder, jobs, as_json
-    )
+    arms = tuple(arm or [""])
+    _perform(Study(scenario, operators, seed, arms, tuple(laws), flange), folder, jobs, as_json)
 
 
 def reproduce_b(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -> None:
@@ -86,7 +99,28 @@ def _perform(chosen: object, folder: Path, jobs: int, as_json: bool) -> None:
         console.err.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
     if as_json:
         console.print_json([plain(outcome) for outcome in performed.outcomes])
-        return
-    out.print(text, markup=False, highlight=False, soft_wrap=True)
-    for file in files:
-        out.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+    else:
+        out.print(text, markup=False, highlight=False, soft_wrap=True)
+        for file in files:
+            out.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+    if any(outcome.failure for outcome in performed.outcomes):
+        raise typer.Exit(1)
+
+
+def _remake(trial: Path, folder: Path) -> None:
+    """Simulate a trial again and keep its run."""
+    from rcmqp.run import check_writable, make_folder
+    from rcmqp.study.perform import remake
+    from rcmqp.study.record import Record
+
+    file = make_folder(folder) / trial.name
+    if file.resolve() == trial.resolve():
+        raise OptionError(f"{file} is the trial itself; give another folder with --out")
+    check_writable(file)
+    run = remake(trial)
+    run.save(file)
+    if run.digest != Record.load(trial).outcome.digest:
+        console.err.print(
+            "note: its digest is not the trial's: other versions ran that", soft_wrap=True
+        )
+    out.print(f"wrote {file}: rcmqp view {file}", markup=False, highlight=False, soft_wrap=True)

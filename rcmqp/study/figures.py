@@ -112,10 +112,13 @@ def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
     axes.scatter(*tip[:1].T, color="black", s=24, label="start", depthshade=False)
     for i, (target, colour) in enumerate(zip(path.task.targets, SPHERES, strict=True)):
         x, y, z = 1e3 * np.array(target)
-        axes.scatter([x], [y], [z], color=colour, s=50, edgecolor="black", depthshade=False)
+        label = "objectives" if i == 0 else None
+        axes.scatter(
+            [x], [y], [z], color=colour, s=50, edgecolor="black", depthshade=False, label=label
+        )
         axes.text(x, y, z - 3.0, f"  {i + 1}", fontsize=11)
     x, y, z = _ball(path.task.obstacle)
-    axes.plot_surface(x, y, z, color=OBSTACLE, alpha=0.5, linewidth=0)
+    axes.plot_surface(x, y, z, color=OBSTACLE, alpha=0.5, linewidth=0, label="obstacle")
     low, high = tip[:, 2].min() - 2.0, 1e3 * path.task.target_depth + 15.0
     half = 1e3 * path.task.side / 2.0 + 15.0
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(high, low))
@@ -130,11 +133,18 @@ def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
 
 
 def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
-    """Novices and experienced: time in all, time an objective, errors.
+    """Novices and experienced with one arm and controller: time in all and an objective, errors.
 
     The model does not learn within a trial: what differs from objective to objective is the way.
     """
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    figure = Figure(figsize=(11.0, 3.9), layout="constrained")
+    if outcomes:
+        counts = ", ".join(f"{len(_of(outcomes, group))} {group}" for group in GROUPS)
+        figure.suptitle(
+            f"{outcomes[0].arm}, {outcomes[0].controller}: {counts}; bars in the middle are "
+            "standard deviations",
+            fontsize=10,
+        )
     whole, legs, errors = figure.subplots(1, 3)
     _boxes(whole, [[o.completion_s for o in _of(outcomes, group)] for group in GROUPS], GROUPS)
     for i, group in enumerate(GROUPS):

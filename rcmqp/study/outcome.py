@@ -14,10 +14,14 @@ from rcmqp.dualquaternion import Array
 from rcmqp.metrics import compute_metrics
 from rcmqp.operators import CameraTrial, recognition_times
 from rcmqp.run import Run
+from rcmqp.scenario import Scenario
 from rcmqp.study.plan import Trial
 
 TRACE_TIME = 8e-3
 """Least time between two samples of a trace [s]; the numbers of an Outcome use every cycle."""
+
+SLOW = 0.01
+"""Speed of the camera below which it counts as standing still [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,8 @@ class Outcome:
         obstacle_shaft_mm: least distance of the shaft's surface from it; negative inside.
         collided: whether the shaft touched it.
         tip_speed_rms_mm_s: of the tip asked for.
+        slow_share: part of the sampling instants to which the camera came slower than SLOW.
+        rcm_rms_moving_mm: RCM error at the others.
         speed_ratio_max: largest joint speed over its limit.
         limit_margin_min_rad: least distance of a joint from a position limit.
         digest: of the whole run.
@@ -65,6 +71,8 @@ class Outcome:
     obstacle_shaft_mm: float = np.nan
     collided: bool = False
     tip_speed_rms_mm_s: float = np.nan
+    slow_share: float = np.nan
+    rcm_rms_moving_mm: float = np.nan
     speed_ratio_max: float = np.nan
     limit_margin_min_rad: float = np.nan
     digest: str = ""
@@ -91,6 +99,8 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
     times = reached(run.time, tip, np.array(task.targets), task.tolerance)
     found = compute_metrics(run)
     surface = axis - insertion.instrument.radius
+    slow = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=-1) < SLOW * run.period
+    moving = float(np.sqrt(np.mean(run.rcm_error[~slow] ** 2))) if not slow.all() else np.nan
     looking = recognition_times(path.operator, len(times), scenario.seed)
     numbers = {name: getattr(found, name) for name in _FROM_METRICS}
     outcome = Outcome(
@@ -106,6 +116,8 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         obstacle_tip_mm=1e3 * float(camera.min()),
         obstacle_shaft_mm=1e3 * float(surface.min()),
         collided=bool(surface.min() < 0.0),
+        slow_share=float(np.mean(slow)),
+        rcm_rms_moving_mm=1e3 * moving,
         digest=run.digest,
         **numbers,
     )
@@ -120,6 +132,14 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         "obstacle": surface,
     }
     return outcome, {name: values[thin].astype(np.float32) for name, values in traces.items()}
+
+
+def failed_outcome(trial: Trial, scenario: Scenario, reason: str) -> Outcome:
+    """Of a trial that came to no end."""
+    path = scenario.path
+    assert isinstance(path, CameraTrial)
+    group, law = path.operator.group, str(trial.law)
+    return Outcome(trial.operator, group, scenario.arm, law, scenario.period, failure=reason)
 
 
 TRACES: Mapping[str, tuple[str, str]] = {

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed
 
-from rcmqp.errors import RcmqpError, RunFileError
-from rcmqp.run import make_folder
+from rcmqp.controllers import CONTROLLERS, Controller
+from rcmqp.errors import OptionError, RcmqpError, RunFileError
+from rcmqp.run import Run, check_writable, make_folder
+from rcmqp.scenario import Scenario
 from rcmqp.simulate import simulate, versions
-from rcmqp.study.outcome import Outcome, outcome_of
-from rcmqp.study.plan import Study, Trial
+from rcmqp.study.outcome import Outcome, failed_outcome, outcome_of
+from rcmqp.study.plan import Law, Study, Trial
 from rcmqp.study.record import SUFFIX, Record, sweep
 
 RUNS = "runs"
@@ -60,7 +62,8 @@ def perform(
 
     Whoever runs a trial writes its file, at once or not at all: a study that is killed goes on
     where it was when it is started again, and what comes of it is the same. Files that are
-    damaged are made again. The outcomes do not depend on the number of jobs.
+    damaged, and trials that failed, are made again. The outcomes do not depend on the number of
+    jobs.
 
     Args:
         study: what to run.
@@ -71,98 +74,157 @@ def perform(
 
     Raises:
         RunFileError: a file cannot be written, or belongs to another study.
+        OptionError: an arm is there twice, or ``jobs`` is 0.
         RcmqpError: scenario, arm or controller cannot be made.
     """
+    if not isinstance(jobs, int) or jobs == 0:
+        raise OptionError(f"jobs = {jobs!r}, a whole number of processes, or -1 for every core")
     folder = make_folder(out)
     runs = make_folder(folder / RUNS)
+    check_writable(runs / f"a_trial{SUFFIX}")
     trials = study.trials()
     notes = []
     if swept := sweep(runs):
         notes.append(f"removed {swept} unfinished files of a study that was stopped")
+    _check_makeable(study)
     todo = []
     for trial in trials:
         if note := _missing(trial, folder):
             todo.append(trial)
             notes.extend(note if note != [""] else [])
-    for first in {(trial.arm, trial.law): trial for trial in reversed(trials)}.values():
-        first.controller(first.made())  # what cannot be made at all is found before the work
     report = progress or (lambda title, done, total: None)
     report("trials", len(trials) - len(todo), len(trials))
     work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")(
-        delayed(run_trial)(trial, folder) for trial in todo
+        delayed(run_trial)(trial, folder, CONTROLLERS[trial.law.name]) for trial in todo
     )
-    for problem in work:
-        if problem is not None:
-            done = len(list(runs.glob(f"*{SUFFIX}")))
-            raise RunFileError(
-                Path(problem[0]),
-                f"{problem[1]}; {done} of {len(trials)} trials are kept: make room and run the "
-                "study again, it goes on from there",
-            )
-        report("trials", 1, len(trials))
-    records = [Record.load(trial_file(folder, trial)) for trial in trials]
-    notes += _other_versions(records)
-    return Performed(study, folder, [record.outcome for record in records], notes)
+    try:
+        for _ in work:
+            report("trials", 1, len(trials))
+    except RunFileError as error:
+        done = len(list(runs.glob(f"*{SUFFIX}")))
+        raise RunFileError(
+            error.path,
+            f"{error.reason}; {done} of {len(trials)} trials are kept: once there is room and "
+            "leave to write, run the study again, it goes on from there",
+        ) from error
+    kept = [_kept(trial, folder) for trial in trials]
+    outcomes = [outcome for outcome, _ in kept]
+    notes += _other_versions([of for _, of in kept])
+    if failed := [o for o in outcomes if o.failure]:
+        first = failed[0]
+        notes.append(
+            f"{len(failed)} of {len(outcomes)} trials failed, the first, operator "
+            f"{first.operator}, {first.arm}, {first.controller}: {first.failure}; the same "
+            "command runs them again"
+        )
+    return Performed(study, folder, outcomes, notes)
 
 
-def run_trial(trial: Trial, folder: Path) -> tuple[str, str] | None:
+def run_trial(trial: Trial, folder: Path, kind: type[Controller]) -> None:
     """Run one trial and write its file.
 
-    A controller that fails is an outcome, with its reason; what cannot be written is answered
-    as (file, reason), which, unlike an exception of ours, gets home from any process.
+    A controller that fails is an outcome, with its reason.
+
+    Args:
+        trial: what to run.
+        folder: of the study.
+        kind: the trial's controller; it comes along because another process knows those of
+            rcmqp only.
+
+    Raises:
+        RunFileError: the file cannot be written.
+        RcmqpError: scenario or controller cannot be made.
     """
+    CONTROLLERS[trial.law.name] = kind
     scenario = trial.made()
+    controller = trial.law.controller(scenario)
     try:
-        outcome, traces = outcome_of(trial, simulate(scenario, trial.controller(scenario)))
+        outcome, traces = outcome_of(trial, simulate(scenario, controller))
     except (RcmqpError, np.linalg.LinAlgError) as error:
-        group = trial.made().path.operator.group  # type: ignore[union-attr]
-        outcome = Outcome(
-            trial.operator,
-            group,
-            scenario.arm,
-            str(trial.law),
-            scenario.period,
-            failure=str(error),
-        )
-        traces = {}
-    try:
-        Record(outcome, scenario.to_json(), traces).save(trial_file(folder, trial))
-    except RunFileError as error:
-        return str(error.path), error.reason
-    return None
+        outcome, traces = failed_outcome(trial, scenario, str(error)), {}
+    record = Record(outcome, scenario.to_json(), trial.law.to_json(), traces)
+    record.save(trial_file(folder, trial))
 
 
-def _other_versions(records: Sequence[Record]) -> list[str]:
+def remake(file: str | os.PathLike[str]) -> Run:
+    """The whole run of a trial, of which a study keeps the numbers only: simulated again.
+
+    Args:
+        file: of the trial.
+
+    Raises:
+        RunFileError: the file is missing, damaged or no trial's.
+        RcmqpError: arm or controller cannot be made here.
+    """
+    record = Record.load(Path(file))
+    scenario = Scenario.from_json(record.scenario)
+    return simulate(scenario, Law.from_json(record.law).controller(scenario))
+
+
+def _check_makeable(study: Study) -> None:
+    """Find before the work what cannot be made at all, or would be counted twice.
+
+    Raises:
+        OptionError: two arms are the same one, or two trials would share a file.
+        RcmqpError: scenario, arm or controller cannot be made.
+    """
+    firsts = [trial for trial in study.trials() if trial.operator == 0]
+    arms = [trial.made().arm for trial in firsts]
+    for trial in firsts:
+        trial.law.controller(trial.made())
+    if len(set(arms)) < len(study.arms):
+        raise OptionError(f"arms = {study.arms} are only {sorted(set(arms))}; give each once")
+    if len({trial.stem for trial in firsts}) < len(firsts):
+        raise OptionError(f"{study}: two of its trials would share a file; rename an arm's file")
+
+
+def _other_versions(found: Sequence[Mapping[str, str]]) -> list[str]:
     """What there is to say of trials that other versions of rcmqp or its packages ran."""
     now = versions()
-    other = [record.versions for record in records if record.versions != now]
+    other = [each for each in found if each != now]
     if not other:
         return []
-    names = sorted({name for found in other for name in now if found.get(name) != now[name]})
+    names = sorted({name for each in other for name in now if each.get(name) != now[name]})
     told = ", ".join(f"{name} {other[0].get(name, 'unknown')} (now {now[name]})" for name in names)
     return [
-        f"{len(other)} of {len(records)} trials were run by other versions, the first by {told}; "
+        f"{len(other)} of {len(found)} trials were run by other versions, the first by {told}; "
         "to compare like with like, run the study in another folder"
     ]
 
 
 def _missing(trial: Trial, folder: Path) -> list[str]:
-    """Why a trial has to be run, [""] if it never was; empty if its file is good.
+    """Why a trial has to be run, [""] if it never was or failed; empty if its file is good.
 
     Raises:
         RunFileError: the file is another trial's.
     """
-    file, scenario = trial_file(folder, trial), trial.made().to_json()
+    file = trial_file(folder, trial)
     if not file.exists():
         return [""]
     try:
         record = Record.load(file)
     except RunFileError as error:
         return [f"{error}; it is made again"]
-    if record.scenario != scenario:
+    _check_whose(trial, record, file)
+    return [""] if record.outcome.failure else []
+
+
+def _kept(trial: Trial, folder: Path) -> tuple[Outcome, Mapping[str, str]]:
+    """A trial's outcome and the versions that ran it; its traces stay in the file.
+
+    Raises:
+        RunFileError: the file is damaged, or another trial's.
+    """
+    file = trial_file(folder, trial)
+    record = Record.load(file)
+    _check_whose(trial, record, file)
+    return record.outcome, record.versions
+
+
+def _check_whose(trial: Trial, record: Record, file: Path) -> None:
+    if (record.scenario, record.law) != (trial.made().to_json(), trial.law.to_json()):
         raise RunFileError(
             file,
-            "is of another study: other seed, scenario or operators; give another folder, or "
-            "remove this one",
+            "is of another study: other seed, scenario, arm, controller or operators; give "
+            "another folder, or remove this one",
         )
-    return []

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 import itertools
+import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rcmqp.controllers import CONTROLLERS, Controller, HierarchicalQP, make_controller
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.operators import CameraTrial, operator_of_study
+from rcmqp.loading import arm_names
+from rcmqp.operators import CameraTrial, Operator, operator_of_study
 from rcmqp.scenario import Scenario, load_scenario
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
 
@@ -41,7 +45,7 @@ class Law:
     """
 
     name: str = "dual_quaternion"
-    period: float = 0.0
+    period: float = None  # type: ignore[assignment]  # filled in
     options: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
@@ -49,7 +53,7 @@ class Law:
         object.__setattr__(self, "name", self.name.replace("-", "_"))
         if self.name not in CONTROLLERS:
             raise UnknownName("controller", self.name, CONTROLLERS)
-        if self.period == 0.0:
+        if self.period is None:
             period = PAPERS_PERIOD if self.name == "dual_quaternion" else PERIOD
             object.__setattr__(self, "period", period)
         if self.name == HierarchicalQP.name and "backend" not in dict(self.options):
@@ -65,11 +69,34 @@ class Law:
         options = "".join(f", {name} = {value}" for name, value in self.options)
         return f"{self.name}, {1e3 * self.period:g} ms{options}"
 
+    def controller(self, scenario: Scenario) -> Controller:
+        """The controller for a scenario with this period.
+
+        Raises:
+            UnknownName: there is no such controller or option.
+            OptionError: an option's value is not allowed.
+        """
+        insertion, options = scenario.insertion(), dict(self.options)
+        made = make_controller(self.name, insertion, scenario.period, **options)
+        if not isinstance(made, HierarchicalQP):
+            return made
+        return dataclasses.replace(made, levels=_camera_levels(made))
+
+    def to_json(self) -> str:
+        """Name, period and options; what JSON does not know, as text."""
+        return json.dumps([self.name, self.period, list(self.options)], default=str)
+
+    @classmethod
+    def from_json(cls, text: str) -> Law:
+        """The inverse of to_json()."""
+        name, period, options = json.loads(text)
+        return cls(name, period, tuple((option, value) for option, value in options))
+
     @property
     def stem(self) -> str:
         """As part of a file's name."""
         options = "".join(f"_{name}_{value}" for name, value in self.options)
-        return f"{self.name}_{1e3 * self.period:g}ms{options}"
+        return _plain(f"{self.name}_{1e3 * self.period:g}ms{options}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +107,9 @@ class Trial:
         scenario: name or file of a scenario whose path is a CameraTrial.
         operator: number of the person in the study.
         seed: of the study.
-        arm: name; empty for the scenario's own.
+        arm: name or path of a URDF; empty for the scenario's own.
         law: the controller.
+        flange: with a URDF, the frame that carries the instrument.
     """
 
     scenario: str
@@ -89,37 +117,36 @@ class Trial:
     seed: int
     arm: str
     law: Law
+    flange: str | None = None
 
     @property
     def stem(self) -> str:
         """Its file's name, without what kind of file it is."""
-        arm = f"{Path(self.arm).stem}_" if self.arm else ""
+        arm = f"{_plain(self.arm)}_" if self.arm else ""
         return f"{arm}{self.law.stem}_operator{self.operator:04d}"
 
     def made(self) -> Scenario:
         """The scenario with this operator.
 
         Raises:
-            OptionError: nobody steers in this scenario.
+            OptionError: nobody steers in this scenario, or somebody of its own.
         """
-        base = _base(self.scenario, self.arm, self.law.period)
+        flange = None if self.arm in ("", *arm_names()) else self.flange
+        base = _base(self.scenario, self.arm, flange, self.law.period)
         if not isinstance(base.path, CameraTrial):
             raise OptionError(
                 f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
                 "study needs a CameraTrial, as camera_task has"
             )
+        if base.path.operator != Operator():
+            raise OptionError(
+                f"{self.scenario} has an operator of its own, and a study draws its people; leave "
+                "the operator out, or run the scenario by itself with rcmqp run"
+            )
         person, seed = operator_of_study(self.operator, self.seed)
         return dataclasses.replace(
             base, path=dataclasses.replace(base.path, operator=person), seed=seed
         )
-
-    def controller(self, scenario: Scenario) -> Controller:
-        """The controller for made()."""
-        insertion, options = scenario.insertion(), dict(self.law.options)
-        made = make_controller(self.law.name, insertion, scenario.period, **options)
-        if not isinstance(made, HierarchicalQP):
-            return made
-        return dataclasses.replace(made, levels=_camera_levels(made))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +160,9 @@ class Study:
         scenario: name or file.
         operators: how many people; each second one is a novice, the first is.
         seed: of everything random. A person depends on it and the own number alone.
-        arms: names; an empty one is the scenario's own.
+        arms: names, or paths of URDFs; an empty one is the scenario's own.
         laws: controllers.
+        flange: for the arms that are URDFs.
     """
 
     scenario: str = "camera_task"
@@ -142,6 +170,7 @@ class Study:
     seed: int = 0
     arms: tuple[str, ...] = ("",)
     laws: tuple[Law, ...] = (Law(),)
+    flange: str | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -156,7 +185,7 @@ class Study:
     def trials(self) -> list[Trial]:
         """Every trial; all of a person's one after the other."""
         return [
-            Trial(self.scenario, i, self.seed, arm, law)
+            Trial(self.scenario, i, self.seed, arm, law, self.flange)
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
 
@@ -175,5 +204,13 @@ def _camera_levels(made: HierarchicalQP) -> list[Task | Together]:
 
 
 @functools.cache
-def _base(scenario: str, arm: str, period: float) -> Scenario:
-    return load_scenario(scenario, arm or None, period=period)
+def _base(scenario: str, arm: str, flange: str | None, period: float) -> Scenario:
+    return load_scenario(scenario, arm or None, flange=flange, period=period)
+
+
+def _plain(text: str) -> str:
+    """A text as part of a file's name; where it is none, some of it and a hash of it."""
+    if re.fullmatch(r"[\w.+-]{1,80}", text):
+        return text
+    some = re.sub(r"[^\w.+-]", "", Path(text).stem)[:40]
+    return f"{some}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"

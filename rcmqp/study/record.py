@@ -21,7 +21,7 @@ from rcmqp.simulate import versions
 from rcmqp.study.outcome import TRACES, Outcome
 
 FORMAT = "rcmqp trial"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 SUFFIX = ".h5"
 PART = ".part"
 
@@ -33,19 +33,21 @@ class Record:
     Attributes:
         outcome: its numbers.
         scenario: the scenario as JSON, operator and seed in it.
+        law: the controller as JSON, see Law.
         traces: see TRACES; none of a trial that failed.
         versions: of what ran it, see simulate.versions(); not part of the digest.
     """
 
     outcome: Outcome
     scenario: str
+    law: str
     traces: Mapping[str, Array]
     versions: Mapping[str, str] = field(default_factory=versions)
 
     @property
     def digest(self) -> str:
         """SHA-256 of all of it."""
-        sha = hashlib.sha256(self.scenario.encode())
+        sha = hashlib.sha256(f"{self.scenario}{self.law}".encode())
         sha.update(_json(self.outcome).encode())
         for name in sorted(self.traces):
             values = np.ascontiguousarray(self.traces[name])
@@ -68,6 +70,7 @@ class Record:
             file.attrs["format"] = FORMAT
             file.attrs["format_version"] = FORMAT_VERSION
             file.attrs["scenario"] = self.scenario
+            file.attrs["law"] = self.law
             file.attrs["outcome"] = _json(self.outcome)
             file.attrs["versions"] = json.dumps(self.versions)
             file.attrs["digest"] = self.digest
@@ -102,6 +105,7 @@ class Record:
                 record = cls(
                     Outcome(**numbers),
                     file.attrs["scenario"],
+                    file.attrs["law"],
                     {name: data[()] for name, data in file.items()},
                     json.loads(file.attrs["versions"]),
                 )

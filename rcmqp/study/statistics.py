@@ -80,10 +80,15 @@ def paired(first: ArrayLike, second: ArrayLike) -> Paired:
         return Paired(found, nan, nan)
     if not change.any():
         return Paired(found, 1.0, 1.0)
-    if np.ptp(change) == 0.0:  # all by the same: t is infinite
+    if np.ptp(change) <= 1e-12 * np.abs(change).max():  # all by the same: t is infinite
         return Paired(found, 0.0, float(stats.wilcoxon(change).pvalue))
     t = float(stats.ttest_1samp(change, 0.0).pvalue)
     return Paired(found, t, float(stats.wilcoxon(change).pvalue))
+
+
+def least_rank_p(count: int) -> float:
+    """The least two-sided p value of the signed-rank test: ``count`` changes of one sign."""
+    return min(1.0, 2.0 ** (1 - count))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -1,0 +1,216 @@
+"""What a study's numbers come to: statistics, tables, figures."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import assert_allclose
+from scipy import stats
+
+from rcmqp.study.comparisons import comparison_table, comparisons, side_by_side
+from rcmqp.study.figures import groups_figure, trial_figure
+from rcmqp.study.outcome import TRACES, Outcome
+from rcmqp.study.perform import Performed
+from rcmqp.study.plan import Study
+from rcmqp.study.record import Record
+from rcmqp.study.statistics import holm, paired, summary
+from rcmqp.study.tables import outcomes_csv, table
+
+
+def test_intervals_are_students() -> None:
+    """The textbook's: t(0.975, 4) = 2.7764."""
+    found = summary([1.0, 2.0, 3.0, 4.0, 5.0, math.nan])
+    half = 2.776445 * math.sqrt(2.5 / 5.0)
+    assert (found.count, found.mean, found.least, found.largest) == (5, 3.0, 1.0, 5.0)
+    assert_allclose([found.deviation, found.low, found.high], [2.5**0.5, 3 - half, 3 + half], 1e-6)
+    assert math.isnan(summary([1.0]).low)
+    assert summary([]).count == 0
+
+
+def test_paired_tests_are_scipys_and_see_what_an_unpaired_one_would_not() -> None:
+    rng = np.random.default_rng(7)
+    first = rng.normal(0.0, 10.0, 12)
+    second = first + 1.0 + rng.normal(0.0, 0.3, 12)
+    found = paired(first, second)
+    assert found.p_t == pytest.approx(stats.ttest_rel(second, first).pvalue)
+    assert found.p_signed_rank == pytest.approx(stats.wilcoxon(second, first).pvalue)
+    assert found.p_t < 1e-4 < stats.ttest_ind(first, second).pvalue
+    assert found.difference.mean == pytest.approx(np.mean(second - first))
+    assert paired(first, first).p_t == paired(first, first).p_signed_rank == 1.0
+    assert paired([0.0, 1.0], [1.0, 2.0]).p_t == 0.0
+    assert math.isnan(paired([1.0], [2.0]).p_t)
+
+
+def test_holms_correction_is_holms() -> None:
+    assert_allclose(holm([0.01, 0.04, 0.03, math.nan]), [0.03, 0.06, 0.06, math.nan])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+
+
+def outcomes(law: str, shift: float, arm: str = "lwa3") -> list[Outcome]:
+    return [
+        Outcome(
+            i,
+            ("novice", "experienced")[i % 2],
+            arm,
+            law,
+            8e-3,
+            finished=True,
+            completion_s=60.0 + i,
+            reached_s=(1.0, 2.0, 3.0, 60.0 + i),
+            looking_s=30.0,
+            tip_rms_mm=0.3 + 0.01 * i**2 + shift,
+            tip_max_mm=1.0 + i,
+            effector_rms_mm=0.1,
+            effector_max_mm=0.5,
+            rcm_rms_mm=0.004,
+            rcm_max_mm=0.02,
+            obstacle_tip_mm=12.0,
+            obstacle_shaft_mm=7.0 - 8.0 * (i == 3),
+            collided=i == 3,
+            tip_speed_rms_mm_s=20.0,
+            speed_ratio_max=0.9,
+            limit_margin_min_rad=0.1,
+        )
+        for i in range(4)
+    ]
+
+
+def rows_of(text: str) -> dict[str, list[str]]:
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+    return {cells[0]: cells[1:] for cells in lines if len(cells) == 5}
+
+
+def test_the_table_holds_the_outcomes_beside_the_papers(tmp_path: Path) -> None:
+    mine = outcomes("dual_quaternion, 8 ms", 0.0)
+    rows = rows_of(table(Performed(Study(), tmp_path, mine)))
+    time = rows["completion time [s]"]
+    assert time[0] == "68.03 ± 30.58; 84 and 52"
+    assert time[1].startswith("61.5 ± 1.3 [59.4, 63.6]")
+    assert time[2].startswith("61.0 ± 1.4 ")
+    assert time[3].startswith("62.0 ± 1.4 ")
+    assert rows["tip error, largest [mm]"] == ["4.82 (*)", "4.00", "3.00", "4.00"]
+    collisions = rows["collisions: the shaft touched the obstacle"]
+    assert collisions == ["0", "1 of 4", "0 of 2", "1 of 2"]
+    for label, paper in (  # its Table I
+        ("RCM error, rms [mm]", "0.00710 ± 0.00706"),
+        ("tip error, rms [mm]: the camera", "0.3398 ± 0.0163 (*)"),
+        ("least distance, camera to obstacle [mm]", "12.52 ± 5.03 (**)"),
+    ):
+        assert rows[label][0] == paper
+
+
+def cells_of(text: str, start: str) -> list[list[str]]:
+    """The cells of every line of a Markdown table that begins so."""
+    lines = (line for line in text.splitlines() if line.startswith(start))
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
+    first, second = outcomes("a, 8 ms", 0.0), outcomes("b, 1 ms", -0.25)
+    text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
+    (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | tip")
+    assert cells[4:6] == ["4", "-0.25"]
+    (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | completion_s")
+    assert cells[4:] == ["4", "0", "[0, 0]", "1", "1", "1"]
+    assert "With 4 people p, rank is 0.12 at the least" in text
+    assert "0.62 corrected for 5 comparisons: too few people" in text
+
+
+def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path) -> None:
+    """Two arms, two controllers: the difference of the arms is another with each controller."""
+    all_four = [
+        *outcomes("a", 0.0),
+        *outcomes("b", 1.0),
+        *outcomes("a", 0.5, "panda"),
+        *outcomes("b", 3.5, "panda"),
+    ]
+    text = comparison_table(all_four)
+    lwa3, panda = "Schunk LWA3", "Franka Emika Panda"
+    for ends, change in (
+        (f"| a | b | {lwa3}", "1"),
+        (f"| a | b | {panda}", "3"),
+        (f"| {lwa3} | {panda} | a", "0.5"),
+        (f"| {lwa3} | {panda} | b", "2.5"),
+    ):
+        (cells,) = cells_of(text, f"{ends} | tip_rms_mm |")
+        assert cells[5] == change
+    assert side_by_side(all_four).splitlines()[0].count(f"{panda}, b") == 1
+
+
+def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> None:
+    first = outcomes("a", 0.0)
+    nearer = dataclasses.replace(first[3], obstacle_shaft_mm=-1.25, tip_max_mm=9.0)
+    text = side_by_side(
+        [*first, *outcomes("b", 0.25)[:3], dataclasses.replace(nearer, controller="b")]
+    )
+    for start, expected in (
+        ("| the same, worst trial", ["-1", "-1.2", "", ""]),
+        ("| tip error, largest", ["4", "9", "", ""]),
+        ("| least distance, shaft", ["5", "4.9", "-0.062 [-0.26, 0.14]", "1"]),
+        ("| finished; touched", ["4; 1", "4; 1", "", ""]),
+    ):
+        (cells,) = cells_of(text, start)
+        assert cells[1:] == expected
+    assert not side_by_side(first)
+
+
+def test_the_readmes_comparison_has_the_rows_that_a_study_writes() -> None:
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    pasted = readme[readme.index("rcmqp study camera_task -c dual_quaternion -c") :]
+    rows = side_by_side([*outcomes("a", 0.0), *outcomes("b", 0.1)])
+    labels = [cells[0] for cells in cells_of(rows, "|")]
+    assert [cells[0] for cells in cells_of(pasted, "|")[: len(labels)]] == labels
+
+
+def test_comparisons_are_corrected_for_how_many_there_are() -> None:
+    rng = np.random.default_rng(7)
+    first = [dataclasses.replace(o, operator=i) for i, o in enumerate(3 * outcomes("a", 0.0))]
+    change = rng.normal(1.0, 0.5, len(first))
+    second = [
+        dataclasses.replace(o, controller="b", tip_rms_mm=o.tip_rms_mm + x)
+        for o, x in zip(first, change, strict=True)
+    ]
+    found = {c.name: c for c in comparisons([*first, *second])}["tip_rms_mm"]
+    assert found.p == pytest.approx(5.0 * stats.wilcoxon(change).pvalue)
+    (cells,) = cells_of(comparison_table([*first, *second]), "| a | b | Schunk LWA3 | tip")
+    ends = stats.t.interval(0.95, 11, np.mean(change), stats.sem(change))
+    assert cells[6] == f"[{ends[0]:.4g}, {ends[1]:.4g}]"
+
+
+def test_a_limit_reached_to_rounding_is_kept(tmp_path: Path) -> None:
+    at = [
+        dataclasses.replace(o, speed_ratio_max=1.0 + 2e-16, limit_margin_min_rad=-2e-16)
+        for o in outcomes("a", 0.0)
+    ]
+    over = [
+        dataclasses.replace(o, speed_ratio_max=1.0 + 1e-6, limit_margin_min_rad=-1e-6) for o in at
+    ]
+    for group, count in ((at, "0 of 4"), (over, "4 of 4")):
+        rows = rows_of(table(Performed(Study(), tmp_path, group)))
+        assert rows["above a joint's speed limit"][1] == count
+        assert rows["beyond a joint's position limit"][1] == count
+
+
+def test_every_trial_is_a_row_of_the_csv() -> None:
+    rows = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes("a", 0.0)))))
+    assert [float(row["reached_4_s"]) for row in rows] == [60.0, 61.0, 62.0, 63.0]
+    assert rows[3]["collided"] == "True"
+
+
+def test_the_figures_draw_the_numbers_beside_the_papers() -> None:
+    traces = {name: np.linspace(0.0, k + 1.0, 5) for k, name in enumerate(TRACES)}
+    above, below = trial_figure(Record(outcomes("a", 0.0)[0], "", "", traces)).axes
+    for axes, index, name in ((above, 0, "tip"), (above, 1, "effector"), (below, 0, "rcm")):
+        assert_allclose(np.asarray(axes.lines[index].get_ydata()), 1e3 * traces[f"{name}_error"])
+    figure = groups_figure(outcomes("a", 0.0))
+    whole, _, errors = figure.axes
+    papers = [line for line in whole.lines if line.get_linestyle() == "--"]
+    assert [line.get_ydata()[0] for line in papers] == [84.0, 52.0]  # type: ignore[index]
+    assert [line.get_ydata()[0] for line in errors.lines if line.get_linestyle() == "--"] == [0.34]  # type: ignore[index]
+    assert figure.get_suptitle().startswith("lwa3, a: 2 novice, 2 experienced")
