@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib.image
 import numpy as np
@@ -9,7 +11,13 @@ import pytest
 
 from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main as command_line
+from rcmqp.errors import RunFileError, ViewError
+from rcmqp.viewer import browser
 from rcmqp.viewer.browser import ffmpeg_path, opened
+from rcmqp.viewer.capture import snapshot, video
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 
 def main(arguments: list[str]) -> None:
@@ -65,3 +73,51 @@ def test_video_is_as_long_as_the_run(file: Path, tmp_path: Path) -> None:
     seconds = (Run.load(file).time[-1]) / 0.5
     frames = int(said.rpartition("frame=")[2].split()[0])
     assert frames == round(30 * seconds) + 1
+
+
+def program(folder: Path, name: str, text: str) -> str:
+    """A shell script of that name, and the path that finds it first."""
+    script = folder / name
+    script.write_text(f"#!/bin/sh\n{text}\n")
+    script.chmod(0o755)
+    return f"{folder}{os.pathsep}{os.environ['PATH']}"
+
+
+def test_a_browser_that_cannot_draw_is_found_at_once(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(browser, "FLAGS", ("--disable-3d-apis", "--no-first-run"))
+    monkeypatch.setattr(browser, "PATIENCE", 1e4)
+    with pytest.raises(ViewError, match=r"does not open in Chromium: Error creating WebGL"):
+        snapshot([Run.load(file)], tmp_path / "x.png", size=(64, 64))
+
+
+def test_a_browser_that_dies_is_an_error_of_one_line(file: Path, tmp_path: Path) -> None:
+    def crash(page: Page) -> None:
+        assert page.context.browser is not None
+        page.context.browser.new_browser_cdp_session().send("Browser.crash")
+
+    with pytest.raises(ViewError, match="Chromium stopped at its work") as raised:
+        with opened([Run.load(file)], (64, 64)) as page:
+            crash(page)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_browser_that_does_not_start_is_an_error_of_one_line(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", program(tmp_path, "chromium", "exit 3"))
+    with pytest.raises(ViewError, match=rf"{tmp_path}/chromium does not start: ") as raised:
+        snapshot([Run.load(file)], tmp_path / "x.png")
+    assert "\n" not in str(raised.value)
+
+
+def test_what_a_failing_ffmpeg_says_is_said_and_nothing_is_left(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bin").mkdir()
+    fail = program(tmp_path / "bin", "ffmpeg", "echo no such codec >&2; exit 1")
+    monkeypatch.setenv("PATH", fail)
+    with pytest.raises(RunFileError, match=r"x\.mp4: ffmpeg could not write it: no such codec"):
+        video([Run.load(file)], tmp_path / "x.mp4", size=(64, 64))
+    assert [path.name for path in tmp_path.iterdir()] == ["bin"]

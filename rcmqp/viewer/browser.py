@@ -16,7 +16,7 @@ from rcmqp.run import Run
 from rcmqp.viewer.build import write_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page, ViewportSize
+    from playwright.sync_api import Browser, BrowserContext, Error, Page, ViewportSize
 
 CHROMIUMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 """Names that Chromium goes by; the first that is found is taken."""
@@ -79,7 +79,7 @@ def browser() -> Iterator[Browser]:
         try:
             chromium = playwright.chromium.launch(executable_path=executable, args=flags)
         except Error as error:
-            raise ViewError(f"{executable} does not start: {error.message}") from error
+            raise ViewError(f"{executable} does not start: {_in_short(error)}") from error
         try:
             yield chromium
         finally:
@@ -101,14 +101,14 @@ def open_page(chromium: Browser | BrowserContext, file: Path, pane: str = "") ->
 
     opened = chromium.new_page()
     opened.set_default_timeout(1e3 * PATIENCE)
-    failures: list[str] = []
-    opened.on("pageerror", lambda error: failures.append(str(error)))
     try:
         opened.goto(f"{file.resolve().as_uri()}#{pane}")
-        opened.wait_for_selector("html[data-ready]", state="attached")
+        opened.wait_for_selector("html[data-ready], html[data-failed]", state="attached")
+        failure = opened.evaluate("document.documentElement.dataset.failed")
     except Error as error:
-        why = "; ".join(failures) or error.message
-        raise ViewError(f"{file} does not open in Chromium: {why}") from error
+        raise ViewError(f"{file} does not open in Chromium: {_in_short(error)}") from error
+    if failure is not None:
+        raise ViewError(f"{file} does not open in Chromium: {failure}")
     return opened
 
 
@@ -132,12 +132,23 @@ def opened(
 
     Raises:
         ToolMissing: Chromium or playwright is not installed.
-        ViewError: the runs do not go together, or the page does not open.
+        ViewError: the runs do not go together, the page does not open, or Chromium ends before
+            the page is left.
     """
     chromium_path()
+    from playwright.sync_api import Error
+
     with tempfile.TemporaryDirectory() as folder:
         file = write_page(runs, Path(folder) / "run.html", dark=dark)
         with browser() as chromium:
             viewport: ViewportSize = {"width": size[0] // density, "height": size[1] // density}
-            window = chromium.new_context(viewport=viewport, device_scale_factor=density)
-            yield open_page(window, file, pane)
+            try:
+                window = chromium.new_context(viewport=viewport, device_scale_factor=density)
+                yield open_page(window, file, pane)
+            except Error as error:
+                raise ViewError(f"Chromium stopped at its work: {_in_short(error)}") from error
+
+
+def _in_short(error: Error) -> str:
+    """What playwright says first; its log of calls follows."""
+    return error.message.partition("\n")[0]

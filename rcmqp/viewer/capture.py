@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import subprocess
@@ -129,8 +130,9 @@ def _encoded(
                 encoder.stdin.write(page.screenshot(type="jpeg", quality=95))
                 done()
             encoder.stdin.close()
-        except BrokenPipeError:
-            pass  # ffmpeg gave up; what it said follows
+        except BrokenPipeError:  # ffmpeg gave up; what it said follows
+            with contextlib.suppress(BrokenPipeError):
+                encoder.stdin.close()  # or Popen does, and trips over what is left in it
         said = encoder.stderr.read().decode(errors="replace").strip()
     return said or "no reason given" if encoder.returncode else ""
 

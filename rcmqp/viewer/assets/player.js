@@ -7,7 +7,10 @@ const $ = (id) => document.getElementById(id);
 
 for (const kind of ["error", "unhandledrejection"])
   window.addEventListener(kind, (event) => {
-    const why = event.reason?.message ?? event.message;
+    const cause = event.reason ?? event.error;
+    if (!cause) return; // a browser's remark
+    const why = cause.message ?? String(cause);
+    document.documentElement.dataset.failed = why;
     if ($("wait")) $("wait").textContent = `this browser cannot show the run: ${why}`;
   });
 
