@@ -134,11 +134,13 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     axes.plot(*desired.T, color="black", linewidth=2.8, alpha=0.25, label="desired tip")
     axes.plot(*found.T, color=colour, linewidth=1.2, label="tip")
     axes.scatter([0.0], [0.0], [0.0], color="black", s=30, label="trocar", depthshade=False)
-    half, deep = max(30.0, float(np.abs(desired[:, :2]).max())), float(desired[:, 2].max())
+    drawn = np.vstack([desired, found])
+    deep = float(np.nanmax(drawn[:, 2]))
+    half = max(0.3 * deep, float(np.nanmax(np.abs(drawn[:, :2]))))
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
-    axes.zaxis.labelpad = 12
-    axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.78)
+    axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4, 8, 12
+    axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.72)
     axes.locator_params(nbins=3)
     axes.locator_params(axis="z", nbins=6)
     axes.tick_params(axis="z", pad=7)
@@ -148,7 +150,7 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
 
 def _from_trocar(run: Run, points: Array) -> Array:
     """Points (n, 3) in the world, seen from where the trocar is then, in the start's axes [mm]."""
-    start = dq.quaternion_conj(dq.P(run.x_d[0]))
+    start = dq.quaternion_conj(dq.P(run.x[0]))
     return 1e3 * dq.rotate(start, points - run.pivot)
 
 
@@ -179,12 +181,15 @@ def _title_and_labels(runs: Sequence[Run]) -> tuple[str, list[str]]:
 def _label_axes(axes: Axes, label: str, errors: Sequence[Array]) -> None:
     """Label and limit an axis; a logarithmic one, if given errors, starts below all of them.
 
-    Their lowest hundredth does not count, or the zero of a start would set the scale.
+    Their lowest hundredth does not count, or the zero of a start would set the scale; neither
+    does what is missing.
     """
     axes.set_ylabel(label)
     if errors:
         axes.set_yscale("log")
-        axes.set_ylim(bottom=0.5 * min(float(np.quantile(error, 0.01)) for error in errors))
+        there = [error[np.isfinite(error)] for error in errors]
+        lowest = [float(np.quantile(error, 0.01)) for error in there if error.size]
+        axes.set_ylim(bottom=0.5 * min(lowest, default=FLOOR_MM))
     else:
         axes.set_ylim(bottom=0.0)
     axes.grid(alpha=0.3)

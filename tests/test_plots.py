@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers import assert_allclose
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
@@ -43,3 +48,42 @@ def test_shafts_of_a_moving_trocar_point_as_the_shaft_does(moving: Run) -> None:
     for label, points in (("tip", moving.tip), ("desired tip", moving.tip_d)):
         far = np.linalg.norm(points - moving.pivot, axis=1)
         assert_allclose(np.linalg.norm(curves[label], axis=1), 1e3 * far, rtol=0, atol=1e-6)
+
+
+def test_a_trajectory_lies_inside_its_axes_and_their_labels_inside_the_figure(moving: Run) -> None:
+    away = np.outer(moving.time, [0.015, -0.01, -0.01])  # up to 6 cm off what is desired
+    figure = plots.trajectory_figure([dataclasses.replace(moving, tip=moving.tip + away)])
+    axes: Any = figure.axes[1]
+    low, high = np.sort([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).T
+    for _, points in drawn(axes):
+        assert np.all((low - 1e-9 <= points) & (points <= high + 1e-9))
+    for each in (figure, plots.trajectory_figure([moving, moving])):
+        canvas: Any = FigureCanvasAgg(each)
+        canvas.draw()
+        for below in each.axes[1::2]:
+            assert isinstance(below, Axes3D)
+            labels = [axis.label for axis in (below.xaxis, below.yaxis, below.zaxis)]
+            boxes = [label.get_window_extent(canvas.get_renderer()) for label in labels]
+            for box in boxes:
+                assert each.bbox.x0 <= box.x0
+                assert box.x1 <= each.bbox.x1
+                assert each.bbox.y0 <= box.y0
+                assert box.y1 <= each.bbox.y1
+            for one, other in itertools.combinations(boxes, 2):
+                assert not one.overlaps(other)
+
+
+def test_a_reference_that_is_missing_now_and_then_is_left_out_of_figures(moving: Run) -> None:
+    tip_d, error = moving.tip_d.copy(), moving.tip_error.copy()
+    tip_d[[0, 100]], error[[0, 100]] = np.nan, np.nan
+    broken = dataclasses.replace(moving, tip_d=tip_d, tip_error=error)
+    one, other = (plots.trajectory_figure([run]).axes[1] for run in (broken, moving))
+    for found, expected in zip(drawn(one), drawn(other), strict=True):
+        there = np.isfinite(found[1])
+        assert there.sum() >= there.size - 6
+        assert_allclose(found[1][there], expected[1][there], rtol=0, atol=1e-9)
+    low, _ = plots.error_figure([broken], logarithmic=True).axes[0].get_ylim()
+    there = 1e3 * error[np.isfinite(error)]
+    assert low == pytest.approx(0.5 * np.quantile(there, 0.01))
+    gone = dataclasses.replace(moving, tip_error=np.full_like(error, np.nan))
+    plots.error_figure([gone], logarithmic=True)

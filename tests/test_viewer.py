@@ -18,6 +18,7 @@ from rcmqp.insertion import rcm_error
 from rcmqp.scene import Sphere
 from rcmqp.viewer import browser, capture, page
 from rcmqp.viewer.build import run_labels
+from rcmqp.viewer.scene import surroundings
 from rcmqp.viewer.shapes import arm_parts
 from rcmqp.viewer.table import versions_text
 from rcmqp.viewer.timeline import BINS, envelope, frames, slip
@@ -199,6 +200,15 @@ def test_view_writes_the_page_and_opens_it(
     text = (tmp_path / "run.html").read_text()
     assert "conical_helix on Schunk LWA3" in text
     assert "http" not in text.split("<script", 1)[0]  # nothing is fetched from anywhere
+
+
+def test_a_reference_that_is_missing_now_and_then_does_not_change_the_scene(run: Run) -> None:
+    tip_d = run.tip_d.copy()
+    tip_d[[0, 50]] = np.nan
+    broken = dataclasses.replace(run, tip_d=tip_d)
+    assert page([broken])
+    insertion = run.insertion()
+    assert surroundings(broken, insertion) == surroundings(run, insertion)
 
 
 def test_a_page_is_the_same_text_twice(run: Run) -> None:

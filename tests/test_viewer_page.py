@@ -105,6 +105,26 @@ def test_play_advances_the_time_and_pause_holds_it(shown: Opened) -> None:
     shown.page.wait_for_function("held => rcmqp.time > held", arg=held)
 
 
+def test_a_slow_machine_plays_at_the_speed_that_is_said(shown: Opened) -> None:
+    times = shown.js("""() => {
+      const [own, times] = [window.requestAnimationFrame, []];
+      let next = null;
+      window.requestAnimationFrame = (tick) => ((next = tick), 0);
+      return new Promise((done) => own((start) => {
+        rcmqp.play();
+        for (const passed of [0, 0.7, 1.4]) {
+          next(start + 1000 * passed);
+          times.push(rcmqp.time);
+        }
+        rcmqp.pause();
+        window.requestAnimationFrame = own;
+        own(next);
+        done(times);
+      }));
+    }""")
+    assert_allclose(times, [0.0, 0.7, 1.4], rtol=0, atol=1e-9)
+
+
 def test_playing_ends_at_the_end_and_starts_again(shown: Opened, runs: list[Run]) -> None:
     shown.seek(runs[0].time[-1] - 0.01)
     shown.js("rcmqp.play()")

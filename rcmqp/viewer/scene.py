@@ -128,11 +128,11 @@ def _from_trocar(run: Run, insertion: Insertion, points: Sequence[Vector3]) -> A
 
 
 def _deepest(run: Run, insertion: Insertion) -> float:
-    """How far from the trocar tips, and what is to be seen, come [m]."""
+    """How far from the trocar tips, but for missing ones, and what is to be seen come [m]."""
     pivot = np.array(run.scenario.trocar.pivot)
     tips = np.concatenate([run.tip - run.pivot, run.tip_d - run.pivot])
     seen = [np.subtract(sphere.centre, pivot) for sphere in spheres(run, insertion)]
-    return float(np.linalg.norm(np.vstack([tips, *seen]), axis=1).max())
+    return float(np.nanmax(np.linalg.norm(np.vstack([tips, *seen]), axis=1)))
 
 
 def _columns(matrix: Array) -> list[float]:

@@ -77,6 +77,7 @@ function trail(run, name, still = 2e-5) {
   const times = [];
   for (let i = 0; i < run.frames.time.length; i++) {
     const p = path.subarray(3 * i, 3 * i + 3);
+    if (p.some(Number.isNaN)) continue;
     const n = points.length;
     const far = n === 0 || Math.hypot(p[0] - points[n - 3], p[1] - points[n - 2], p[2] - points[n - 1]) > still;
     if (!far) continue;

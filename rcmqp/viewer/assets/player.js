@@ -142,9 +142,11 @@ function mark(name, text, colour = "") {
   return all;
 }
 
+const PAUSE = 2; // a frame that takes longer is no slow one: the page was out of sight [s]
 let last = performance.now();
+document.addEventListener("visibilitychange", () => (last = performance.now()));
 function tick(now) {
-  const passed = Math.min(0.25, (now - last) / 1000);
+  const passed = Math.min(PAUSE, (now - last) / 1000);
   last = now;
   if (state.playing) {
     seek(state.time + state.speed * passed);

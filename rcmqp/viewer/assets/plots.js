@@ -30,7 +30,7 @@ class Plots {
 
   // The largest value of each run.
   maxima(name) {
-    return this.runs.map((run) => run.curves[name][1].reduce((a, b) => Math.max(a, b), 0));
+    return this.runs.map((run) => run.curves[name][1].reduce((a, b) => (b > a ? b : a), 0)); // NaN is not
   }
 
   // Maxima that lie far apart need a logarithmic axis, or the small ones are a line at zero: its
