@@ -25,6 +25,7 @@ def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield part
         part.replace(target)
     except OSError as error:
-        raise RunFileError(Path(path), f"could not be written: {error}") from error
+        why = error.strerror or str(error).replace(str(part), str(target))
+        raise RunFileError(Path(path), f"could not be written: {why}") from error
     finally:
         part.unlink(missing_ok=True)

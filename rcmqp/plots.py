@@ -16,10 +16,9 @@ from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.files import whole
 from rcmqp.loading import arm_title
-from rcmqp.palette import COLOURS
+from rcmqp.palette import colour, dash
 from rcmqp.run import Run
 
-STYLES = ("-", "--", "-.", ":")
 FLOOR_MM = 1e-13
 """Where a logarithmic axis ends at the latest [mm]; what is less, as zero is, is drawn there."""
 WIDE = 44
@@ -48,8 +47,8 @@ def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure
         marks = _marks(run)
         told = f"{marks['arm']}\n{_wrapped(labels[i])}" if labels else ", ".join(marks.values())
         above.set_title(told, fontsize=10, y=0.98)
-        _draw_arm(above, run, COLOURS[i % len(COLOURS)])
-        _draw_trajectory(below, run, COLOURS[i % len(COLOURS)])
+        _draw_arm(above, run, colour(i))
+        _draw_trajectory(below, run, colour(i))
     return figure
 
 
@@ -78,8 +77,8 @@ def error_figure(
                 run.time,
                 error,
                 label=names[i],
-                color=COLOURS[i % len(COLOURS)],
-                linestyle=STYLES[i % len(STYLES)],
+                color=colour(i),
+                linestyle=dash(i),
                 linewidth=1.4,
             )
         _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,18 @@ def test_a_file_that_fails_leaves_what_was_there_and_nothing_else(tmp_path: Path
             spoil(file, failure)
     assert file.read_text() == "old"
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_the_message_names_the_file_that_was_asked_for_only(tmp_path: Path) -> None:
+    file = tmp_path / "x.txt"
+    hidden = f".{os.getpid()}.x.txt"
+    for failure in (
+        OSError(errno.ENOSPC, "No space left on device", str(tmp_path / hidden)),
+        OSError(f"unable to open file: name = '{tmp_path / hidden}'"),
+    ):
+        with pytest.raises(RunFileError, match=f"{file}: could not be written: ") as raised:
+            spoil(file, failure)
+        assert hidden not in str(raised.value)
 
 
 def test_a_whole_file_takes_its_name_and_keeps_its_ending(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp.dualquaternion import Array
-from rcmqp.palette import COLOURS
+from rcmqp.palette import COLOURS, DASHES, colour, dash
 from rcmqp.viewer.build import asset
 
 SEEN: dict[str, ArrayLike] = {
@@ -43,9 +43,15 @@ def test_any_two_colours_differ_for_everyone() -> None:
             assert far > 15.0, (a, b, who)
 
 
+def test_runs_of_one_colour_have_other_dashes() -> None:
+    looks = [(colour(i), dash(i)) for i in range(len(COLOURS) * len(DASHES))]
+    assert len(set(looks)) == len(looks)
+    assert [dash(i) for i in range(4)] == list(DASHES)
+
+
 def test_each_colour_stands_out_from_white_and_dark_pages() -> None:
     papers = re.findall(r"--paper: (#\w{6})", asset("look.css"))
     assert len(papers) == 2
-    for colour, paper in itertools.product(COLOURS, papers):
-        darker, lighter = sorted(XYZ[1] @ linear(each) for each in (colour, paper))
-        assert (lighter + 0.05) / (darker + 0.05) > 2.2, (colour, paper)
+    for ink, paper in itertools.product(COLOURS, papers):
+        darker, lighter = sorted(XYZ[1] @ linear(each) for each in (ink, paper))
+        assert (lighter + 0.05) / (darker + 0.05) > 2.2, (ink, paper)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import errno
 import re
 import shlex
 from pathlib import Path
@@ -112,6 +113,20 @@ def test_what_goes_wrong_leaves_the_folder_as_it_was(
     with pytest.raises(RunFileError, match="is a folder"):
         write_report(runs[:1], tmp_path, files=FILES[:1])
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+
+
+def test_a_full_disk_is_said_of_the_file_in_the_reports_own_folder(
+    runs: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, *_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(RunFileError) as raised:
+        write_report(runs[:1], tmp_path, files=FILES[:1])
+    page = tmp_path / "view_conical_helix_lwa3.html"
+    assert str(raised.value) == f"{page}: could not be written: No space left on device"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

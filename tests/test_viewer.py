@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import shutil
+import tempfile
 from pathlib import Path
 
 import h5py
@@ -200,6 +201,18 @@ def test_view_writes_the_page_and_opens_it(
     text = (tmp_path / "run.html").read_text()
     assert "conical_helix on Schunk LWA3" in text
     assert "http" not in text.split("<script", 1)[0]  # nothing is fetched from anywhere
+
+
+def test_a_temporary_page_that_cannot_be_made_leaves_no_folder(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run.save(tmp_path / "run.h5")
+    dataclasses.replace(run, urdf_sha256="0").save(tmp_path / "other.h5")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    with pytest.raises(SystemExit, match="1"):
+        main(["view", str(tmp_path / "run.h5"), str(tmp_path / "other.h5"), "--no-open"])
+    assert list((tmp_path / "temporary").iterdir()) == []
 
 
 def test_a_reference_that_is_missing_now_and_then_does_not_change_the_scene(run: Run) -> None:

@@ -219,9 +219,9 @@ def test_the_slip_is_drawn_as_many_times_as_asked(shown: Opened, runs: list[Run]
     _, _, size, unit = text.partition(",")[0].split()
     assert unit == "mm"
     assert float(size) == pytest.approx(1e3 * runs[0].rcm_error[k], rel=6e-3)
-    for factor in (10, 1000):
+    for factor, said in ((10, "too small to draw"), (10000, "drawn \u00d710000")):
         shown.page.locator("#magnify").select_option(str(factor))
-        assert f"\u00d7{factor}" in shown.page.locator("#slip").inner_text()
+        assert said in shown.page.locator("#slip").inner_text()
 
 
 def test_limits_and_ghosts_are_there_on_request(shown: Opened) -> None:
@@ -233,6 +233,23 @@ def test_limits_and_ghosts_are_there_on_request(shown: Opened) -> None:
     assert np.array_equal(shown.picture(), plain)
 
 
+def test_limits_have_marks_while_they_are_shown(shown: Opened) -> None:
+    marks = shown.page.locator("#keys .mark:visible")
+    for on in (True, False):
+        shown.js("limits => rcmqp.choose({limits})", on)
+        limits = ["cone of the shaft", "depths of the tip"] if on else []
+        assert marks.all_inner_texts() == ["desired tip", "target", "obstacle", *limits]
+
+
+def test_an_anchor_that_is_no_pane_hides_nothing(opened: Opened) -> None:
+    other = opened.page.context.new_page()
+    other.goto(opened.page.url.partition("#")[0] + "#results")
+    other.wait_for_selector("#wait", state="detached")
+    assert other.locator("footer").is_visible()
+    assert other.locator("nav").is_visible()
+    other.close()
+
+
 def test_legend_and_table_name_every_run(shown: Opened) -> None:
     rows = shown.page.locator("#legend tbody tr")
     assert rows.count() == len(CONTROLLERS)
@@ -240,8 +257,6 @@ def test_legend_and_table_name_every_run(shown: Opened) -> None:
     assert [head.strip() for head in heads[1:]] == list(CONTROLLERS)
     for i, name in enumerate(CONTROLLERS):
         assert name in rows.nth(i).inner_text()
-    marks = shown.page.locator("#keys .mark").all_inner_texts()
-    assert marks == ["desired tip", "target", "obstacle"]
     rows.nth(1).click()
     assert "main" in (rows.nth(1).get_attribute("class") or "")
 

@@ -34,7 +34,7 @@ def runs() -> list[Run]:
             still,
             seed=seed,
             trocar=dataclasses.replace(
-                still.trocar, cone_half_angle=0.5, depth_range=(0.03, 0.18)
+                still.trocar, cone_half_angle=0.7, depth_range=(0.03, 0.24)
             ),
             motion=Sinusoid(0.01, 0.5, still.insertion().from_start((1.0, 0.0, 0.0)), ramp=0.5),
             pivot_velocity="unknown",
@@ -128,6 +128,18 @@ def test_trocar_limits_and_what_is_asked_for_go_with_the_trocar(
         for b in np.linspace(0.0, 2.0 * np.pi, 80)
     ]
     assert_allclose(limits, run.pivot[k] + box(np.array(rim)), rtol=0, atol=1e-3)
+
+
+def test_the_close_up_makes_way_for_limits_that_it_would_cover(shown: Opened) -> None:
+    before = shown.page.viewport_size
+    assert before is not None
+    shown.page.set_viewport_size({"width": 1280, "height": 800})
+    lens = shown.page.locator("#lens")
+    lens.wait_for(state="visible")
+    for limits in (True, False):
+        shown.js("limits => (rcmqp.choose({limits}), rcmqp.draw())", limits)
+        assert lens.is_visible() != limits
+    shown.page.set_viewport_size(before)
 
 
 def test_obstacles_stay_and_are_as_large_as_they_are(shown: Opened, runs: list[Run]) -> None:

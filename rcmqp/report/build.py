@@ -75,10 +75,13 @@ def write_report(
     title = title or f"{', '.join(scenarios)}: {count}"
     try:
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as part:
-            _make(Path(part), title, groups, sections)
+            try:
+                _make(Path(part), title, groups, sections)
+            except RunFileError as error:
+                raise RunFileError(folder / error.path.name, error.reason) from error
             return _move(Path(part), folder)
     except OSError as error:
-        raise RunFileError(folder, f"could not be written: {error}") from error
+        raise RunFileError(folder, f"could not be written: {error.strerror or error}") from error
 
 
 def _make(part: Path, title: str, groups: Sequence[Group], sections: Sequence[Section]) -> None:

@@ -18,7 +18,7 @@ from rcmqp.errors import RcmqpError, ViewError
 from rcmqp.files import whole
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
-from rcmqp.palette import COLOURS
+from rcmqp.palette import colour, dash
 from rcmqp.run import Run, check_writable
 from rcmqp.scenario import Scenario
 from rcmqp.viewer.bundle import Bundle, compressed
@@ -47,7 +47,7 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
     body = Template(asset("page.html")).substitute(
         title=html.escape(title),
         subtitle=html.escape(", ".join(dict.fromkeys(run.controller for run in runs))),
-        table=metrics_table(runs, labels, COLOURS),
+        table=metrics_table(runs, labels),
         versions=html.escape(versions_text(runs)),
         version=html.escape(rcmqp.__version__),
         meshcat=_library("meshcat", "viewer/dist/main.min.js"),
@@ -169,7 +169,8 @@ def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> s
         "runs": [
             {
                 "label": label,
-                "colour": COLOURS[i % len(COLOURS)],
+                "colour": colour(i),
+                "dash": dash(i),
                 "frames": {name: bundle.floats(array) for name, array in frames(run).items()},
                 "curves": {
                     name: [bundle.floats(array) for array in curve]

@@ -9,7 +9,7 @@ import typer
 
 from rcmqp import console
 from rcmqp.console import err, out
-from rcmqp.errors import OptionError
+from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.run import Run
 
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
@@ -55,9 +55,15 @@ def view(
     from rcmqp.viewer.build import write_page
 
     runs = [Run.load(file) for file in files]
-    if page is None:
-        page = Path(tempfile.mkdtemp(prefix="rcmqp-")) / f"{files[0].stem}.html"
-    written = write_page(runs, page, dark=dark)
+    if page is not None:
+        written = write_page(runs, page, dark=dark)
+    else:
+        folder = Path(tempfile.mkdtemp(prefix="rcmqp-"))
+        try:
+            written = write_page(runs, folder / f"{files[0].stem}.html", dark=dark)
+        except RcmqpError:
+            folder.rmdir()
+            raise
     size = written.stat().st_size / 1e6
     out.print(f"wrote {written} ({size:.1f} MB)", highlight=False, soft_wrap=True)
     if show and not webbrowser.open(written.resolve().as_uri()):

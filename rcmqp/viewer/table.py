@@ -6,6 +6,7 @@ import html
 from collections.abc import Callable, Iterable, Sequence
 
 from rcmqp.metrics import Metrics, against_limit, compute_metrics
+from rcmqp.palette import colour
 from rcmqp.run import Run
 
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
@@ -24,11 +25,11 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
 )
 
 
-def metrics_table(runs: Sequence[Run], labels: Sequence[str], colours: Sequence[str]) -> str:
+def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
     """Metrics down, runs across."""
     found = [compute_metrics(run) for run in runs]
     heads = "".join(
-        f'<th><i style="background:{colours[i % len(colours)]}"></i>{html.escape(label)}</th>'
+        f'<th><i style="background:{colour(i)}"></i>{html.escape(label)}</th>'
         for i, label in enumerate(labels)
     )
     lines = [

@@ -15,7 +15,7 @@ for (const kind of ["error", "unhandledrejection"])
   });
 
 // #scene, #endoscope: only that, as large as the window, for pictures.
-const solo = location.hash.slice(1);
+const solo = ["scene", "endoscope"].find((pane) => `#${pane}` === location.hash);
 if (solo) document.body.dataset.solo = solo;
 
 const [meshcat, numbers, plotly] = ["meshcat-gz", "data-gz", "plotly-gz"].map(inflate); // side by side
@@ -59,6 +59,7 @@ function choose(changes) {
   stage.choose({ main, ghosts, limits, magnify, close: changes.close });
   for (const name of ["ghosts", "limits"]) $(name).setAttribute("aria-pressed", state[name]);
   $("frame").setAttribute("aria-pressed", state.close);
+  document.body.toggleAttribute("data-limits", limits); // shows their marks
   $("magnify").value = magnify;
   $("speed").value = state.speed;
   [...$("legend").querySelectorAll("tbody tr")].forEach((row, i) => row.classList.toggle("main", i === main));
@@ -124,7 +125,10 @@ function furnishControls() {
     $("caption").append(mark("", run.label, run.colour));
   });
   const { targets, spheres, obstacles } = data.scene;
-  const there = { "desired tip": [0], target: targets, sphere: spheres, obstacle: obstacles };
+  const there = {
+    "desired tip": [0], target: targets, sphere: spheres, obstacle: obstacles,
+    "cone of the shaft": [0], "depths of the tip": [0],
+  };
   for (const name in there) {
     if (!there[name].length) continue;
     $("caption").append(mark(name.split(" ")[0], name));

@@ -6,6 +6,7 @@ const PLOTS = [
   ["speed_ratio", "joint speed / limit"],
   ["singular_value", "least singular value"],
 ];
+const DASHES = { solid: "solid", dashed: "dash", dashdot: "dashdot", dotted: "dot" }; // as plotly calls them
 const FAR_APART = 30; // ratio of the runs' maxima above which an error is drawn logarithmically
 
 // What a hundredth of the values, not counting missing ones, lies below.
@@ -77,7 +78,7 @@ class Plots {
       this.runs.forEach((run, i) => {
         const [x, values] = run.curves[name];
         traces.push({ x, y: values, yaxis: y, type: "scatter", mode: "lines", name: run.label,
-          line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: ["solid", "dash", "dashdot", "dot"][i % 4] },
+          line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: DASHES[run.dash] },
           hovertemplate: "%{y:.4~g}<extra></extra>" });
       });
     });

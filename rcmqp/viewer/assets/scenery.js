@@ -2,6 +2,7 @@
 
 const ARM_LAYER = 1; // seen from outside only: the endoscope would look at its own inside
 const INSIDE_LAYER = 2; // seen through the endoscope only
+const CONE = 0xb9b27a, DEPTHS = 0x6f6b2f; // of the limits; no run has them
 const WALL = 0.1; // radius of the patch of abdominal wall [m]
 
 function standard(colour, extra = {}) {
@@ -60,9 +61,9 @@ function makeLimits(scene) {
     cone.push(new THREE.Vector2(r * Math.sin(angle), -r * Math.cos(angle)));
     if (r <= 0) continue;
     const cap = new THREE.SphereGeometry(r, 72, 24, 0, 2 * Math.PI, Math.PI - angle, angle);
-    group.add(new THREE.Mesh(cap, skin(0x009e73)));
+    group.add(new THREE.Mesh(cap, skin(DEPTHS)));
   }
-  group.add(new THREE.Mesh(new THREE.LatheGeometry(cone, 96), skin(0x56b4e9)));
+  group.add(new THREE.Mesh(new THREE.LatheGeometry(cone, 96), skin(CONE)));
   for (const mesh of group.children) mesh.renderOrder = 4;
   group.visible = false;
   return group;

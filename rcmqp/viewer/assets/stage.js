@@ -247,10 +247,24 @@ class Stage {
   renderScene() {
     this.viewer.render();
     const box = this.pane.querySelector("#lens");
-    box.hidden = !(this.hasLens && !this.close);
+    box.hidden = !(this.hasLens && !this.close) || this.coversLimits();
     if (!box.hidden) this.renderLens(this.viewer.renderer, this.lens, this.camera);
     const text = this.pane.querySelector("#slip");
     if (text.parentElement !== (box.hidden ? this.pane : box)) (box.hidden ? this.pane : box).append(text);
+  }
+
+  // Whether the close-up would lie over the limits that are shown.
+  coversLimits() {
+    const [limits] = this.things.limits;
+    if (!limits.visible) return false;
+    const THREE = MeshCat.THREE;
+    const { min, max } = new THREE.Box3().setFromObject(limits);
+    const [left, bottom, size] = this.lensAt;
+    const corners = [min, max].flatMap((a) => [min, max].flatMap((b) => [min, max].map((c) =>
+      new THREE.Vector3(a.x, b.y, c.z).project(this.camera))));
+    const right = Math.max(...corners.map(({ x }) => ((x + 1) / 2) * this.pane.clientWidth));
+    const low = Math.min(...corners.map(({ y }) => ((y + 1) / 2) * this.pane.clientHeight));
+    return right > left && low < bottom + size;
   }
 
   // The trocar and the trail, close, from where the outside camera looks.
