@@ -166,7 +166,7 @@ def compare(
     Raises:
         RunFileError: the folder or a file in it cannot be written.
     """
-    folder = make_folder(out)
+    folder = make_folder(out).resolve()  # workers may be elsewhere
     check_writable(folder / "comparison.csv")
     stems, files = _names(todo)
     rows = []

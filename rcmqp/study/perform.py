@@ -79,7 +79,7 @@ def perform(
     """
     if not isinstance(jobs, int) or jobs == 0:
         raise OptionError(f"jobs = {jobs!r}, a whole number of processes, or -1 for every core")
-    folder = make_folder(out)
+    folder = make_folder(out).resolve()  # workers may be elsewhere
     runs = make_folder(folder / RUNS)
     check_writable(runs / f"a_trial{SUFFIX}")
     trials = study.trials()
