@@ -17,7 +17,7 @@ from rcmqp.camera import Pinhole, camera_pose
 from rcmqp.dualquaternion import Array
 from rcmqp.motions import Sinusoid
 from rcmqp.operators import CameraTrial
-from rcmqp.palette import SPHERES
+from rcmqp.palette import COLOURS, SPHERES
 from rcmqp.scene import Sphere
 from rcmqp.viewer.timeline import slip
 
@@ -130,18 +130,6 @@ def test_trocar_limits_and_what_is_asked_for_go_with_the_trocar(
     assert_allclose(limits, run.pivot[k] + box(np.array(rim)), rtol=0, atol=1e-3)
 
 
-def test_the_close_up_makes_way_for_limits_that_it_would_cover(shown: Opened) -> None:
-    before = shown.page.viewport_size
-    assert before is not None
-    shown.page.set_viewport_size({"width": 1280, "height": 800})
-    lens = shown.page.locator("#lens")
-    lens.wait_for(state="visible")
-    for limits in (True, False):
-        shown.js("limits => (rcmqp.choose({limits}), rcmqp.draw())", limits)
-        assert lens.is_visible() != limits
-    shown.page.set_viewport_size(before)
-
-
 def test_obstacles_stay_and_are_as_large_as_they_are(shown: Opened, runs: list[Run]) -> None:
     shown.seek(runs[0].time[moved(runs[0])])
     for found, sphere in zip(shown.boxes("obstacles"), runs[0].scenario.obstacles, strict=True):
@@ -205,7 +193,8 @@ def test_the_plots_are_the_runs_errors_in_mm_speeds_and_singular_values(
 ) -> None:
     figure = "document.getElementById('figure')"
     traces: list[dict[str, Any]] = shown.js(
-        f"{figure}.data.map(({{x, y, yaxis}}) => ({{x: [...x], y: [...y], yaxis}}))"
+        f"{figure}.data.map(({{x, y, yaxis, line}}) => "
+        "({x: [...x], y: [...y], yaxis, colour: line.color}))"
     )
     titles = shown.js(f"{figure}.layout.annotations.map(({{text}}) => text)")
     tops = shown.js(f"{figure}.layout.annotations.map(({{y}}) => y)")
@@ -221,6 +210,7 @@ def test_the_plots_are_the_runs_errors_in_mm_speeds_and_singular_values(
         domain = shown.js(f"{figure}.layout.{axis.replace('y', 'yaxis')}.domain")
         assert tops[titles.index(title)] == pytest.approx(domain[1])
         drawn = [trace for trace in traces if trace["yaxis"] == axis]
+        assert [trace["colour"] for trace in drawn] == list(COLOURS[: len(runs)])
         for trace, run, expected in zip(drawn, runs, values, strict=True):
             assert_allclose(trace["x"], run.time, rtol=1e-6)
             assert_allclose(trace["y"], expected, rtol=1e-5, atol=1e-9)
@@ -261,3 +251,18 @@ def test_the_table_says_the_metrics_of_every_run(shown: Opened, runs: list[Run])
             assert float(cells[name][i]) == pytest.approx(expected, rel=6e-3), name
         low, high = (float(x) for x in cells["depth of the tip [mm]"][i].split(" to "))
         assert_allclose([low, high], 1e3 * box(run.depth[:, None]).ravel(), rtol=0, atol=0.06)
+
+
+def test_the_close_up_makes_way_for_limits_that_it_would_cover(shown: Opened) -> None:
+    before = shown.page.viewport_size
+    assert before is not None
+    lens = shown.page.locator("#lens")
+    try:
+        shown.page.set_viewport_size({"width": 1280, "height": 800})
+        lens.wait_for(state="visible")
+        for limits in (True, False):
+            shown.js("limits => (rcmqp.choose({limits}), rcmqp.draw())", limits)
+            assert lens.is_visible() != limits
+    finally:
+        shown.page.set_viewport_size(before)
+        lens.wait_for(state="hidden")  # it does not fit any more: all has its size again
