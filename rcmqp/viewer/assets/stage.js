@@ -299,8 +299,9 @@ class Stage {
   }
 }
 
-// A length [m] in millimetres, with three significant digits.
+// A length [m] in millimetres, with three significant digits; what is rounding is not told apart.
 function millimetres(x) {
   const mm = 1e3 * x;
-  return `${mm === 0 ? 0 : mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3)} mm`;
+  if (mm < 1e-9) return "<1e-9 mm";
+  return `${mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3)} mm`;
 }
