@@ -10,7 +10,8 @@ from rcmqp.metrics import Metrics, compute_metrics
 from rcmqp.reference import Reference, ViewCommand, view_pose
 from rcmqp.run import Run
 from rcmqp.run_file import RunFile
-from rcmqp.scenario import Scenario, load_scenario, scenario_names
+from rcmqp.scenario import Scenario
+from rcmqp.scenario_loading import load_scenario, scenario_names
 from rcmqp.simulate import record, simulate
 from rcmqp.start import find_start
 

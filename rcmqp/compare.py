@@ -17,11 +17,11 @@ from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
 from rcmqp.errors import RunFileError
-from rcmqp.files import whole
+from rcmqp.files import check_writable, make_folder, whole
 from rcmqp.loading import arm_names
 from rcmqp.metrics import against_limit, compute_metrics
-from rcmqp.run import Run, check_writable, make_folder
-from rcmqp.scenario import load_scenario, own_arm
+from rcmqp.run import Run
+from rcmqp.scenario_loading import load_scenario, own_arm
 from rcmqp.simulate import simulate
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 

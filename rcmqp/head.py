@@ -1,20 +1,25 @@
-"""What a run's file says once: scenario, controller, versions; and the digest over all of it."""
+"""What a run's file says once, format, scenario, controller, versions; its digest."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from rcmqp.errors import RcmqpError, RunFileError
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
     import h5py
 
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
 FORMAT = "rcmqp run"
 FORMAT_VERSION = 2
 CHECKED = {"fletcher32": True}  # each dataset carries checksums, verified on reading
@@ -79,3 +84,59 @@ def about(name: str, known: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     """Unit and meaning of one of a controller's diagnostics, as its dataset has them."""
     unit, meaning = known.get(name, ("", "(n,) see the controller"))
     return {"unit": unit, "meaning": meaning}
+
+
+@contextlib.contextmanager
+def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """A run's file, open for reading; what goes wrong inside is said of the file.
+
+    Raises:
+        RunFileError: the file is missing, damaged, of another format or a later version.
+    """
+    import h5py  # only files need it, and it takes long to import
+
+    path = Path(path)
+    if not path.is_file():
+        reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
+        raise RunFileError(path, reason)
+    try:
+        with path.open("rb") as stream:
+            if stream.read(len(SIGNATURE)) != SIGNATURE:
+                raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
+        with h5py.File(path, "r", rdcc_nbytes=0) as file:  # a chunk is read when it is asked for
+            if file.attrs.get("format") == "rcmqp trial":
+                raise RunFileError(
+                    path,
+                    "a study's trial, which holds numbers and no run; simulate it again: "
+                    f"rcmqp study {path} --out again",
+                )
+            if file.attrs.get("format") != FORMAT:
+                raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
+            version = int(file.attrs["format_version"])
+            if version != FORMAT_VERSION:
+                raise RunFileError(
+                    path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
+                )
+            yield file
+    except RunFileError:
+        raise
+    except (
+        RcmqpError,
+        OSError,
+        AttributeError,
+        KeyError,
+        ValueError,
+        TypeError,
+        RuntimeError,
+    ) as error:
+        raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
+
+
+def check_digest(file: h5py.File, digest: str) -> None:
+    """Check what was read.
+
+    Raises:
+        RunFileError: the file says another digest.
+    """
+    if digest != file.attrs["digest"]:
+        raise RunFileError(Path(file.filename), "damaged: its numbers do not fit its digest")

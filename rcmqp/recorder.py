@@ -18,8 +18,9 @@ from rcmqp.controllers.base import Controller
 from rcmqp.cycles import ROW, Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError
+from rcmqp.files import check_writable, why
 from rcmqp.head import CHECKED, Head, about
-from rcmqp.run import FIXED, PART, Run, channels, check_writable, why
+from rcmqp.run import FIXED, PART, Run, channels
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -15,12 +15,13 @@ from typing import Any
 from rcmqp import plots
 from rcmqp.controllers import make_controller
 from rcmqp.errors import ToolMissing
+from rcmqp.files import check_writable, make_folder
 from rcmqp.loading import arm_title
 from rcmqp.metrics import Metrics, against_limit, compute_metrics
 from rcmqp.report.build import INDEX, NUMBERS, TEXT, write_report
 from rcmqp.report.document import Picture, Screenshot, Section
-from rcmqp.run import Run, check_writable, make_folder
-from rcmqp.scenario import load_scenario
+from rcmqp.run import Run
+from rcmqp.scenario_loading import load_scenario
 from rcmqp.simulate import simulate
 from rcmqp.viewer.browser import chromium_path
 

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import os
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import ArmError, OptionError, RcmqpError, RunFileError
-from rcmqp.head import CHECKED, FORMAT, FORMAT_VERSION, Head, Rows, about
+from rcmqp.errors import ArmError, OptionError
+from rcmqp.files import check_writable, whole
+from rcmqp.head import CHECKED, Head, Rows, about, check_digest, opened
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
     import h5py
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 PART = 4096
 """Rows of a part of a run: some four seconds at 1 kHz, four megabytes."""
 
@@ -224,17 +221,9 @@ class Run:
         """
         import h5py  # only files need it, and it takes long to import
 
-        path = Path(path).resolve()
         check_writable(path)
-        part = _part(path)
-        try:
-            with h5py.File(part, "w", rdcc_nbytes=0) as file:  # HDF5 2.0 dies flushing its cache
-                self._write(file)
-            part.replace(path)
-        except (OSError, RuntimeError) as error:  # h5py raises either
-            raise RunFileError(path, f"could not be written: {why(error)}") from error
-        finally:
-            part.unlink(missing_ok=True)
+        with whole(path) as part, h5py.File(part, "w", rdcc_nbytes=0) as file:
+            self._write(file)  # no cache of chunks: HDF5 2.0 dies flushing it on a full disk
 
     def _write(self, file: h5py.File) -> None:
         self.head.write(file, self.digest)
@@ -281,62 +270,6 @@ class Run:
         )
 
 
-@contextlib.contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """A run's file, open for reading; what goes wrong inside is said of the file.
-
-    Raises:
-        RunFileError: the file is missing, damaged, of another format or a later version.
-    """
-    import h5py  # only files need it, and it takes long to import
-
-    path = Path(path)
-    if not path.is_file():
-        reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
-        raise RunFileError(path, reason)
-    try:
-        with path.open("rb") as stream:
-            if stream.read(len(SIGNATURE)) != SIGNATURE:
-                raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
-        with h5py.File(path, "r", rdcc_nbytes=0) as file:  # a chunk is read when it is asked for
-            if file.attrs.get("format") == "rcmqp trial":
-                raise RunFileError(
-                    path,
-                    "a study's trial, which holds numbers and no run; simulate it again: "
-                    f"rcmqp study {path} --out again",
-                )
-            if file.attrs.get("format") != FORMAT:
-                raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
-            version = int(file.attrs["format_version"])
-            if version != FORMAT_VERSION:
-                raise RunFileError(
-                    path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
-                )
-            yield file
-    except RunFileError:
-        raise
-    except (
-        RcmqpError,
-        OSError,
-        AttributeError,
-        KeyError,
-        ValueError,
-        TypeError,
-        RuntimeError,
-    ) as error:
-        raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
-
-
-def check_digest(file: h5py.File, digest: str) -> None:
-    """Check what was read.
-
-    Raises:
-        RunFileError: the file says another digest.
-    """
-    if digest != file.attrs["digest"]:
-        raise RunFileError(Path(file.filename), "damaged: its numbers do not fit its digest")
-
-
 def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[int]]:
     """Of a run's stops those in some rows, counted from the first of them."""
     found = {
@@ -344,51 +277,6 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
         for reason, cycles in stops.items()
     }
     return {reason: cycles for reason, cycles in found.items() if cycles}
-
-
-def make_folder(path: str | os.PathLike[str]) -> Path:
-    """A folder that is there, made with its parents if it was not.
-
-    Raises:
-        RunFileError: it cannot be made.
-    """
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFileError(folder, f"cannot be made: {error}") from error
-    return folder
-
-
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Find out before a run, not after it, whether a file can be written.
-
-    Raises:
-        RunFileError: it cannot; the message says why.
-    """
-    path = Path(path).resolve()
-    try:
-        if path.is_dir():
-            raise RunFileError(path, "is a folder; give the name of a file")
-        if path.exists() and not path.is_file():
-            raise RunFileError(path, "is no regular file; give the name of one")
-        if not path.parent.is_dir():
-            raise RunFileError(path, f"there is no folder {path.parent}; make it first")
-        _part(path).touch()
-        _part(path).unlink()
-    except OSError as error:
-        raise RunFileError(path, f"cannot be written: {why(error)}") from error
-
-
-def why(error: OSError | RuntimeError) -> str:
-    """What the system says, without what HDF5 adds and the name of the file it was told."""
-    number = re.search(r"[Ee]rrno =? ?(\d+)", str(error))
-    return os.strerror(int(number[1])) if number else str(error)
-
-
-def _part(path: Path) -> Path:
-    """Where a file is written before it gets its name."""
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 
 def channels() -> list[dataclasses.Field[Any]]:

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
-from rcmqp.head import Head, Rows
-from rcmqp.run import PART, Run, check_digest, opened, within
+from rcmqp.head import Head, Rows, check_digest, opened
+from rcmqp.run import PART, Run, within
 
 if TYPE_CHECKING:
     import h5py

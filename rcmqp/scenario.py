@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import importlib.util
-import inspect
 import json
 import math
-import pkgutil
 from collections import ChainMap
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path as FilePath
-from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
@@ -352,105 +346,3 @@ def _check_reach(insertion: Insertion, t: float, t_z: float) -> None:
 
 def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is no number that a scenario could use")
-
-
-def scenario_names() -> list[str]:
-    """Names that load_scenario() knows, sorted."""
-    package = importlib.import_module("rcmqp.scenarios")
-    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))
-
-
-def load_scenario(
-    name: str, arm: str | None = None, *, flange: str | None = None, **changes: Any
-) -> Scenario:
-    """Make a scenario by name on an arm, or read one from a file.
-
-    Args:
-        name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
-            those in the scenarios folder; or a .json file that holds Scenario.to_json().
-        arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
-            own. A .json file has its arm already.
-        flange: with a URDF, the frame that carries the instrument.
-        changes: fields of Scenario to be other than the scenario has them, such as ``period``.
-
-    Raises:
-        UnknownName: there is no such scenario or field.
-        OptionError: the file is no scenario, or a value is not allowed.
-        RcmqpError: the arm cannot be loaded.
-    """
-    if name.endswith(".json"):
-        scenario = _read(FilePath(name))
-        if arm is not None or flange is not None:
-            raise OptionError(f"{name} names its own arm, {scenario.arm}; edit the file instead")
-    else:
-        if arm is not None and arm not in arm_names() and FilePath(arm).is_file():
-            arm = str(FilePath(arm).resolve())
-        module = scenario_module(name)
-        try:
-            scenario = module.scenario(arm or _default_arm(module), flange=flange)
-        except RcmqpError:
-            raise
-        except Exception as error:
-            raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
-        if not isinstance(scenario, Scenario):
-            raise OptionError(
-                f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
-            )
-    fields = [field.name for field in dataclasses.fields(Scenario)]
-    for change in changes:
-        if change not in fields:
-            raise UnknownName("field of a scenario", change, fields)
-    return dataclasses.replace(scenario, **changes)
-
-
-def scenario_module(name: str) -> ModuleType:
-    """The module of a scenario: one of scenario_names(), or a .py file like those.
-
-    Raises:
-        UnknownName: there is no such scenario.
-        OptionError: the file is not there, or has no function ``scenario``.
-    """
-    if not name.endswith(".py"):
-        name = name.replace("-", "_")
-        if name not in scenario_names():
-            raise UnknownName("scenario", name, scenario_names())
-        return importlib.import_module(f"rcmqp.scenarios.{name}")
-    spec = importlib.util.spec_from_file_location(FilePath(name).stem, name)
-    if not FilePath(name).is_file() or spec is None or spec.loader is None:
-        raise OptionError(
-            f"{name}: no such file; give a scenario's file or one of {scenario_names()}"
-        )
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
-    try:
-        inspect.signature(module.scenario).bind("an arm", flange=None)
-    except (AttributeError, TypeError, ValueError) as error:
-        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)") from error
-    return module
-
-
-def own_arm(name: str) -> str:
-    """The arm of a scenario where none is asked for.
-
-    Raises:
-        RcmqpError: there is no such scenario.
-    """
-    if name.endswith(".json"):
-        return _read(FilePath(name)).arm
-    return _default_arm(scenario_module(name))
-
-
-def _default_arm(module: ModuleType) -> str:
-    """What a scenario's function takes for its first argument, where it says so."""
-    default = next(iter(inspect.signature(module.scenario).parameters.values())).default
-    return DEFAULT_ARM if default is inspect.Parameter.empty else str(default)
-
-
-def _read(file: FilePath) -> Scenario:
-    try:
-        return Scenario.from_json(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, OptionError) as error:
-        raise OptionError(f"cannot read the scenario {file}: {error}") from error

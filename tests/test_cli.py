@@ -222,7 +222,7 @@ def test_what_is_not_finite_is_null_in_json(call: Call, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "where", "word"),
     [
-        (SHORT, "rcmqp.cli.simulate", "interrupted"),
+        (SHORT, "rcmqp.cli.run.simulate", "interrupted"),
         (("compare", "-s", "circle"), "rcmqp.compare.compare", "interrupted"),
         (
             ("study", "camera_task"),
@@ -252,7 +252,7 @@ def test_an_unwritable_path_is_found_before_the_run(
     def never(*_: object) -> None:
         pytest.fail("the run was started")
 
-    monkeypatch.setattr("rcmqp.cli.simulate", never)
+    monkeypatch.setattr("rcmqp.cli.run.simulate", never)
     for file in (tmp_path / "missing" / "run.h5", tmp_path):
         code, _, err = call(*SHORT, "--out", str(file))
         assert code == 1

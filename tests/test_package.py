@@ -1,14 +1,18 @@
 from __future__ import annotations
 
+import ast
 import importlib.metadata
 import importlib.resources
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 import rcmqp
 
+ROOT = Path(__file__).parents[1]
 HEAVY = {  # each takes long to import, and neither importing rcmqp nor its help needs it
     "daqp",
     "h5py",
@@ -45,3 +49,24 @@ def test_import_and_help_load_nothing_heavy(line: str) -> None:
     code = f"import atexit, sys; atexit.register(lambda: {loaded}); {line}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "loaded []"
+
+
+def test_imports_go_down_the_list_in_contributing() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    listed = re.findall(r"`(\w+)/?`", re.split("Imports go down|Only", text)[1])
+    order = [*listed, "__init__", "__main__"]
+    imports = {}
+    for file in (ROOT / "rcmqp").rglob("*.py"):
+        part = file.relative_to(ROOT / "rcmqp").parts[0].removesuffix(".py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rcmqp"):
+                names = [f"{node.module}.{name.name}" for name in node.names]
+                imports |= {(part, name.split(".")[1]): file for name in names}
+    assert {part for part, _ in imports} <= set(order)
+    assert len(imports) > 100
+    up = [
+        f"{file.name} imports {name}"
+        for (part, name), file in imports.items()
+        if name in order and order.index(name) > order.index(part)
+    ]
+    assert not up

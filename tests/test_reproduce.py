@@ -18,7 +18,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rcmqp import Run, make_controller, plots, simulate
 from rcmqp.metrics import compute_metrics
 from rcmqp.reproduce import ARMS, comparison_table, reproduce_a
-from rcmqp.scenario import load_scenario
+from rcmqp.scenario_loading import load_scenario
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import pytest
 
 from rcmqp import Run, arm_names, load_scenario, make_controller, simulate
 from rcmqp.errors import RunFileError
-from rcmqp.run import check_writable
+from rcmqp.files import check_writable
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [

@@ -25,7 +25,7 @@ from rcmqp import (
 from rcmqp.console import warnings
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.dualquaternion import Array, to_se3
-from rcmqp.scenario import scenario_module
+from rcmqp.scenario_loading import scenario_module
 
 STRESS = {
     "breathing_trocar",

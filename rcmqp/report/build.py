@@ -11,10 +11,11 @@ from pathlib import Path
 
 from rcmqp import compare, plots
 from rcmqp.errors import RunFileError, ViewError
+from rcmqp.files import check_writable, make_folder
 from rcmqp.report.document import Picture, Section, as_html, as_markdown
 from rcmqp.report.groups import Group, groups_of
 from rcmqp.report.remake import remake_text
-from rcmqp.run import Run, check_writable, make_folder
+from rcmqp.run import Run
 from rcmqp.viewer.build import check_runs, write_page
 
 INDEX, TEXT, NUMBERS = "index.html", "report.md", "report.csv"

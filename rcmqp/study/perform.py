@@ -12,7 +12,8 @@ from joblib import Parallel, delayed
 
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
-from rcmqp.run import Run, check_writable, make_folder
+from rcmqp.files import check_writable, make_folder
+from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 from rcmqp.simulate import simulate, versions
 from rcmqp.study.outcome import Outcome, failed_outcome, outcome_of

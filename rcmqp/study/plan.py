@@ -16,7 +16,8 @@ from rcmqp.controllers import CONTROLLERS, Controller, HierarchicalQP, make_cont
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.loading import arm_names
 from rcmqp.operators import CameraTrial, Operator, operator_of_study
-from rcmqp.scenario import Scenario, load_scenario
+from rcmqp.scenario import Scenario
+from rcmqp.scenario_loading import load_scenario
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
 
 PAPERS_PERIOD = 8e-3

@@ -15,11 +15,11 @@ from typing import Any
 
 import rcmqp
 from rcmqp.errors import RcmqpError, ViewError
-from rcmqp.files import whole
+from rcmqp.files import check_writable, whole
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
 from rcmqp.palette import colour, dash
-from rcmqp.run import Run, check_writable
+from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 from rcmqp.viewer.bundle import Bundle, compressed
 from rcmqp.viewer.table import metrics_table, versions_text

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.files import whole
-from rcmqp.run import Run, check_writable
+from rcmqp.files import check_writable, whole
+from rcmqp.run import Run
 from rcmqp.viewer.browser import ffmpeg_path, opened
 
 if TYPE_CHECKING:

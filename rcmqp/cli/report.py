@@ -1,4 +1,4 @@
-"""The command line's report."""
+"""rcmqp report: runs as a page to publish."""
 
 from __future__ import annotations
 
@@ -7,14 +7,9 @@ from typing import Annotated
 
 import typer
 
+from rcmqp.cli.options import Files
 from rcmqp.console import out
 from rcmqp.run import Run
-from rcmqp.viewer.cli import Files
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command()(report)
 
 
 def report(

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from rcmqp import console
+from rcmqp.cli.options import FlangeOption, Jobs
 from rcmqp.console import out
 from rcmqp.errors import OptionError
 
-Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Processes; -1 for every core.")]
 Operators = Annotated[int, typer.Option(help="How many simulated people; novices take turns.")]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
 
@@ -37,9 +37,7 @@ def study(
         float | None,
         typer.Option(help="T in s; 0.008 for dual_quaternion, 0.001 for others, without it."),
     ] = None,
-    flange: Annotated[
-        str | None, typer.Option(help="With a URDF: the frame that carries the instrument.")
-    ] = None,
+    flange: FlangeOption = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "study"
@@ -109,7 +107,7 @@ def _perform(chosen: object, folder: Path, jobs: int, as_json: bool) -> None:
 
 def _remake(trial: Path, folder: Path) -> None:
     """Simulate a trial again and keep its run."""
-    from rcmqp.run import check_writable, make_folder
+    from rcmqp.files import check_writable, make_folder
     from rcmqp.study.perform import remake
     from rcmqp.study.record import Record
 

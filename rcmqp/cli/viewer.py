@@ -1,4 +1,4 @@
-"""The command line's view, snapshot and video."""
+"""rcmqp view, snapshot and video: runs to look at."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from rcmqp import console
+from rcmqp.cli.options import Files
 from rcmqp.console import err, out
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.run import Run
 
-Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
 Dark = Annotated[bool, typer.Option("--dark", help="On a dark background, not a white one.")]
 CameraOption = Annotated[
     str,
@@ -21,12 +21,6 @@ CameraOption = Annotated[
 SizeOption = Annotated[
     str | None, typer.Option(metavar="WIDTHxHEIGHT", help="In pixels, such as 1280x800.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the command line."""
-    for command in (view, snapshot, video):
-        app.command()(command)
 
 
 def view(

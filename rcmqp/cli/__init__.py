@@ -1,0 +1,77 @@
+"""The command line: rcmqp run, show, compare, and so on."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+import rcmqp
+from rcmqp.cli import compare, lists, loopback, report, reproduce, run, study, viewer
+from rcmqp.console import err, out
+from rcmqp.errors import RcmqpError
+
+app = typer.Typer(
+    name="rcmqp",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Remote-centre-of-motion control of surgical arms.\n\n"
+    "Try [bold]rcmqp run conical_helix --arm lwa3[/bold], then [bold]rcmqp reproduce[/bold] "
+    "for the paper's experiment A.\n\n"
+    "Exit codes: 0 done; 1 refused or failed, with the reason on stderr; 2 wrong usage; "
+    "130 interrupted.",
+)
+INTERRUPTED = 130
+"""The exit code after Ctrl-C, by a shell's custom."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; an RcmqpError ends it with its message and exit code 1."""
+    given = sys.argv[1:] if arguments is None else arguments
+    try:
+        app(given)
+    except RcmqpError as error:
+        err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
+        sys.exit(1)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            more = "; the same command goes on from here" if "study" in given[:1] else ""
+            err.print(f"interrupted{more}", highlight=False)
+        raise
+
+
+def run_file(file: str) -> None:
+    """What a scenario's file does when it is run by itself: rcmqp run, with that file."""
+    main(["run", file, *sys.argv[1:]])
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        out.print(rcmqp.__version__, highlight=False)
+        raise typer.Exit
+
+
+for command in (
+    run.run,
+    run.show,
+    lists.arms,
+    lists.scenarios,
+    lists.controllers,
+    compare.compare,
+    study.study,
+    reproduce.reproduce,
+    loopback.loopback,
+    viewer.view,
+    viewer.snapshot,
+    viewer.video,
+    report.report,
+):
+    app.command()(command)

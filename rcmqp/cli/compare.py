@@ -1,0 +1,97 @@
+"""rcmqp compare: controllers beside each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rcmqp import console
+from rcmqp.cli.options import AsJson, FlangeOption, Jobs, shared_options
+from rcmqp.console import out
+from rcmqp.controllers import CONTROLLERS
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.loading import arm_names
+from rcmqp.scenario_loading import scenario_module
+
+
+def compare(
+    scenario: Annotated[
+        list[str], typer.Option("--scenario", "-s", help="Name or file; may be repeated.")
+    ],
+    arm: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--arm",
+            "-a",
+            help="Name, or a URDF's path; may be repeated; each scenario's own without it.",
+        ),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option("--controller", "-c", help="Name; may be repeated; all without it."),
+    ] = None,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
+        "comparison"
+    ),
+    flange: FlangeOption = None,
+    period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
+    duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="An option, for each of the controllers that has it; may be repeated.",
+        ),
+    ] = None,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Run scenarios x arms x controllers and put what came of it in one table.
+
+    For example,
+
+      rcmqp compare -s fast_helix -s breathing_trocar -a panda --jobs 2
+
+    The folder gets every run, comparison.csv, comparison.md and a figure of the errors for each
+    scenario and arm. The numbers, but for times, do not depend on the number of jobs.
+    """
+    from rcmqp import compare as comparison  # joblib and matplotlib take long to import
+
+    changes = {"period": period, "duration": duration, "seed": seed}
+    laws = [name.replace("-", "_") for name in controller or CONTROLLERS]
+    urdfs = [name for name in arm or () if name not in arm_names()]
+    for name in urdfs:
+        if not Path(name).is_file():
+            raise UnknownName("arm", name, arm_names())
+    if flange is not None and not urdfs:
+        raise OptionError("--flange is for a URDF, and none of the arms is one")
+    for name in laws:
+        if name not in CONTROLLERS:
+            raise UnknownName("controller", name, CONTROLLERS)
+    for name in scenario:
+        scenario_module(name)
+    if jobs == 0:
+        raise OptionError("--jobs 0: give at least 1, or -1 for every core")
+    todo = comparison.cases(
+        scenario,
+        arm or [None],
+        laws,
+        {name: value for name, value in changes.items() if value is not None},
+        shared_options(laws, settings or []),
+        flange,
+    )
+    with console.bar(quiet=as_json) as advance:
+        rows = comparison.compare(
+            todo, folder, jobs=jobs, progress=lambda done: advance("runs", done, len(todo))
+        )
+    if as_json:
+        console.print_json([console.row_json(row) for row in rows])
+    else:
+        out.print(comparison.as_markdown(rows), markup=False, highlight=False, soft_wrap=True)
+        out.print(f"wrote {folder}", highlight=False, soft_wrap=True)
+    if any(row.failure for row in rows):
+        raise typer.Exit(1)

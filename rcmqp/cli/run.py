@@ -1,0 +1,128 @@
+"""rcmqp run and show: one run, made or looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rcmqp import console
+from rcmqp.cli.options import AsJson, FlangeOption, options_of
+from rcmqp.console import out
+from rcmqp.controllers import make_controller
+from rcmqp.errors import OptionError
+from rcmqp.files import check_writable, make_folder
+from rcmqp.run import Run
+from rcmqp.run_file import RunFile
+from rcmqp.scenario_loading import load_scenario
+from rcmqp.simulate import record, simulate
+
+
+def run(
+    scenario: Annotated[
+        str, typer.Argument(help="Name (see rcmqp scenarios), or a .py or .json file.")
+    ],
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            "--arm", "-a", help="Name (see rcmqp arms), or a URDF's path; lwa3 without it."
+        ),
+    ] = None,
+    controller: Annotated[
+        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+    ] = "dual_quaternion",
+    file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
+    ] = None,
+    flange: FlangeOption = None,
+    period: Annotated[
+        float | None,
+        typer.Option(help="Sampling period T in s; the scenario's, 0.001, without it."),
+    ] = None,
+    gain: Annotated[
+        float | None, typer.Option(help="Gain K in 1/s; the controller's, 60, without it.")
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(help="How long to simulate, in s; the path keeps its own speed."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="An option of the controller, such as feed_forward=true; may be repeated.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a scenario and print what came of it.
+
+    For example,
+
+      rcmqp run conical_helix --arm meka_a2 --period 0.008 --out helix.h5
+
+      rcmqp run conical_helix --set feed_forward=true --set velocity_limit=scale --json
+
+      rcmqp run conical_helix --arm my_robot.urdf --flange tool0
+    """
+    options = options_of(controller, settings or [])
+    if gain is not None:
+        if "gain" in options:
+            raise OptionError("the gain is given twice, by --gain and by --set gain")
+        options["gain"] = gain
+    changes = {"period": period, "duration": duration, "seed": seed}
+    chosen = load_scenario(
+        scenario, arm, flange=flange, **{k: x for k, x in changes.items() if x is not None}
+    )
+    made = make_controller(controller, chosen.insertion(), chosen.period, **options)
+    if file is not None:
+        check_writable(file)
+    with console.bar(quiet=as_json) as advance:
+
+        def progress(done: int) -> None:
+            advance(str(chosen), done, chosen.cycles)
+
+        if file is None:
+            result = simulate(chosen, made, progress)
+        else:
+            record(chosen, made, file, progress)
+    if file is None:
+        console.print_run(result, as_json, None)
+    else:
+        _show(file, as_json)
+
+
+def show(
+    file: Annotated[Path, typer.Argument(help="A run's HDF5 file.")],
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="Folder to draw trajectory and errors into, as PNG and PDF."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is in a run's file."""
+    written = [] if figures is None else _draw(Run.load(file), figures, file.stem)
+    _show(file, as_json)
+    for path in written if not as_json else []:
+        out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def _show(file: Path, as_json: bool) -> None:
+    """What is in a run's file."""
+    with RunFile(file) as result:
+        console.print_run(result, as_json, file)
+
+
+def _draw(result: Run, folder: Path, stem: str) -> list[Path]:
+    """Trajectory and errors of a run, as PNG and PDF."""
+    from rcmqp import plots  # matplotlib takes long to import
+
+    make_folder(folder)
+    check_writable(folder / f"{stem}_errors.pdf")
+    return [
+        *plots.save_figure(plots.trajectory_figure([result]), folder / f"{stem}_trajectory"),
+        *plots.save_figure(plots.error_figure([result]), folder / f"{stem}_errors"),
+    ]
