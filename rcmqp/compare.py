@@ -7,7 +7,7 @@ import dataclasses
 import io
 import itertools
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
 from rcmqp.errors import RunFileError
-from rcmqp.files import check_writable, make_folder, whole
+from rcmqp.files import check_writable, make_folder, unlike, whole
 from rcmqp.loading import arm_names
 from rcmqp.metrics import against_limit, compute_metrics
 from rcmqp.run import Run
@@ -236,10 +236,10 @@ def _names(todo: Iterable[Case]) -> tuple[list[str], list[str]]:
     for case in todo:
         key = repr((case.scenario, case.arm, case.flange, sorted(case.changes.items())))
         if key not in figures:
-            figures[key] = _unlike(figures.values(), _stem(case))
+            figures[key] = unlike(figures.values(), _stem(case))
         stems.append(figures[key])
         name = f"{stems[-1]}_{case.controller.replace('-', '_')}"
-        files.append(_unlike(files, name, ".h5"))
+        files.append(unlike(files, name, ".h5"))
     return stems, files
 
 
@@ -250,14 +250,6 @@ def _stem(case: Case) -> str:
     except Exception:  # noqa: BLE001  (nor can it be run, which is said then)
         arm = "none"
     return f"{Path(case.scenario).stem.replace('-', '_')}_{Path(arm).stem}"
-
-
-def _unlike(others: Collection[str], stem: str, ending: str = "") -> str:
-    """A name that is none of the others: numbered where it would be."""
-    name, count = f"{stem}{ending}", 2
-    while name in others:
-        name, count = f"{stem}_{count}{ending}", count + 1
-    return name
 
 
 def _draw(folder: Path, stem: str, files: Sequence[str]) -> tuple[str, str] | None:

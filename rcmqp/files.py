@@ -1,10 +1,10 @@
-"""Files that are whole or not there, and folders."""
+"""Files that are whole or not there; folders; names."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -64,6 +64,14 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         _part(path).unlink()
     except OSError as error:
         raise RunFileError(path, f"cannot be written: {why(error)}") from error
+
+
+def unlike(others: Collection[str], stem: str, ending: str = "") -> str:
+    """A name that is none of the others: numbered where it would be."""
+    name, count = f"{stem}{ending}", 2
+    while name in others:
+        name, count = f"{stem}_{count}{ending}", count + 1
+    return name
 
 
 def why(error: OSError | RuntimeError) -> str:

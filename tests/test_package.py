@@ -55,7 +55,7 @@ def test_imports_go_down_the_list_in_contributing() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     listed = re.findall(r"`(\w+)/?`", re.split("Imports go down|Only", text)[1])
     order = [*listed, "__init__", "__main__"]
-    imports = {}
+    imports: dict[tuple[str, str], Path] = {}
     for file in (ROOT / "rcmqp").rglob("*.py"):
         part = file.relative_to(ROOT / "rcmqp").parts[0].removesuffix(".py")
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

@@ -51,6 +51,7 @@ def folder(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_tables_are_there_as_page_markdown_and_csv(folder: Path, runs: list[Run]) -> None:
     rows = list(csv.DictReader((folder / "report.csv").read_text().splitlines()))
     assert [row["digest"] for row in rows] == [run.digest for run in runs]
+    assert [row["file"] for row in rows] == list(FILES)
     assert len({row["controller"] for row in rows[:3]}) == 3
     for row, run in zip(rows, runs, strict=True):
         assert float(row["tip_rms_mm"]) == compute_metrics(run).tip_rms_mm

@@ -111,9 +111,9 @@ def _move(part: Path, folder: Path) -> list[Path]:
 def _rows(groups: Sequence[Group]) -> list[compare.Row]:
     """What came of each run; its controller with what else tells it apart."""
     return [
-        dataclasses.replace(compare.row_of(run), controller=label)
+        dataclasses.replace(compare.row_of(run), controller=label, file=file)
         for group in groups
-        for run, label in zip(group.runs, group.labels, strict=True)
+        for run, label, file in zip(group.runs, group.labels, group.files, strict=True)
     ]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rcmqp.files import unlike
 from rcmqp.loading import arm_title
 from rcmqp.run import Run
 from rcmqp.viewer.build import grouped, run_labels
@@ -46,7 +47,7 @@ class Group:
 
 def groups_of(runs: Sequence[Run], files: Sequence[str]) -> list[Group]:
     """Sort runs into groups; no two groups, and no two files, have the same name."""
-    names = {id(run): name for run, name in zip(runs, _unique(files), strict=True)}
+    names = {id(run): name for run, name in zip(runs, _unique(files, ".h5"), strict=True)}
     found = grouped(runs)
     scenarios = [group[0].scenario for group in found]
     titles = _unique(f"{each.name} on {arm_title(each.arm)}" for each in scenarios)
@@ -59,13 +60,10 @@ def groups_of(runs: Sequence[Run], files: Sequence[str]) -> list[Group]:
     ]
 
 
-def _unique(names: Iterable[str]) -> list[str]:
+def _unique(names: Iterable[str], ending: str = "") -> list[str]:
     """The names; one that was there before gets a number, before a file's ending."""
     found: list[str] = []
     for name in names:
-        new, count = name, 2
-        stem, ending = (name[:-3], name[-3:]) if name.endswith(".h5") else (name, "")
-        while new in found:
-            new, count = f"{stem}_{count}{ending}", count + 1
-        found.append(new)
+        known = ending if name.endswith(ending) else ""
+        found.append(unlike(found, name.removesuffix(known), known))
     return found
