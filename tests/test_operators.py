@@ -32,6 +32,7 @@ from rcmqp.operators.detour import is_clear, passing, via_point
 from rcmqp.operators.hand import Hand
 from rcmqp.operators.perception import Eyes
 from rcmqp.operators.submovement import Submovement, duration
+from rcmqp.operators.tremor import Tremor
 from rcmqp.reference import view_pose
 from rcmqp.scene import Sphere
 
@@ -196,6 +197,33 @@ def test_a_viscous_device_damps_the_tremor() -> None:
     assert held < 0.8 * free
 
 
+def test_tremor_is_the_persons_and_not_the_periods() -> None:
+    """The same shaking, looked at more or less often; each axis shakes by itself."""
+    made = {T: Tremor(9.0, 0.06, T, np.random.default_rng(7)) for T in (1e-3, 8e-3)}
+    often, rarely = (np.array([made[T].step() for _ in range(round(60.0 / T))]) for T in made)
+    assert_allclose(often[7::8], rarely, rtol=0, atol=0)
+    assert np.std(often) == pytest.approx(1.0, rel=0.1)
+    assert np.abs(np.corrcoef(often.T) - np.eye(3)).max() < 0.2
+
+
+def test_a_hand_at_the_edge_of_the_workspace_can_turn_back_at_once() -> None:
+    operator, device = dataclasses.replace(QUICK, tremor=0.0), Omega7(radius=0.03)
+    hand = Hand(operator, device, 1e-3, np.random.default_rng(7))
+    for _ in range(500):
+        hand.step((0.1, 0.05, 0.0))
+    assert math.hypot(*hand.position) == pytest.approx(0.03)
+    outwards = np.dot(hand.position, hand.velocity)
+    assert outwards == pytest.approx(0.0, abs=1e-12)
+    hand.step((-0.1, -0.05, 0.0))
+    assert math.hypot(*hand.position) < 0.03
+
+
+def test_objectives_out_of_the_devices_reach_are_refused() -> None:
+    trial = CameraTrial(mapping=HandMapping(0.5))
+    with pytest.raises(OptionError, match=r"objective 1 is 115 mm of the hand .* reaches 75 mm"):
+        steering(trial)
+
+
 def test_a_period_too_long_for_the_tremor_is_refused() -> None:
     with pytest.raises(OptionError, match=r"cannot show a tremor of 10.0 Hz.*shorter than 0.05"):
         Hand(Operator(), Omega7(), 0.06, np.random.default_rng(7))
@@ -252,22 +280,25 @@ def pose(p: Vector3) -> Array:
 
 
 def test_distances_are_seen_late_in_the_image_and_worst_in_depth() -> None:
-    operator, task = Operator(), CameraTask()
+    operator, task = Operator(depth_bias=2e-3), CameraTask()
     eyes = Eyes(operator, task, insertion(), np.random.default_rng(7))
     early, late = (0.01, 0.005, 0.10), (0.02, -0.01, 0.09)
     eyes.look(0.0, pose(early))
     eyes.look(0.1, pose(late))
-    goal = task.targets[2]
+    goal, seen_by = task.targets[2], task.spheres[2].centre
     placement = dq.to_se3(dq.mul(dq.conj(insertion().x_rcm), pose(early)))
+    now = 0.1 + operator.delay
     away = placement.rotation.T @ (np.array(goal) - early)
-    seen = np.array([eyes.perceive(0.1 + operator.delay - 1e-3, goal) for _ in range(4000)])
+    seen = np.array(
+        [eyes.perceive(0.1 + operator.delay - 1e-3, goal, seen_by) for _ in range(4000)]
+    )
     assert_allclose(seen.mean(axis=0), away, rtol=0, atol=3e-4)
     lateral = operator.floor_lateral + operator.weber_lateral * np.abs(away[:2])
     deep = operator.floor_depth + operator.weber_depth * abs(away[2])
     deep = math.hypot(deep + operator.weber_cross * np.linalg.norm(away), operator.depth_bias)
     assert_allclose(seen.std(axis=0), [*lateral, deep], rtol=0.05)
     assert deep > 3.0 * lateral.max()
-    later = eyes.perceive(0.1 + operator.delay + 1e-3, goal)
+    later = eyes.perceive(now + 1e-3, goal, seen_by)
     assert later is not None
     placement = dq.to_se3(dq.mul(dq.conj(insertion().x_rcm), pose(late)))
     assert np.linalg.norm(placement.rotation.T @ (np.array(goal) - late) - later) < 0.03
@@ -276,11 +307,72 @@ def test_distances_are_seen_late_in_the_image_and_worst_in_depth() -> None:
     )
 
 
+def test_what_is_not_in_the_image_is_remembered_inexactly_and_the_same_all_the_way() -> None:
+    """Beside the nearest sphere that is; the first image shows all, and nothing is off in it."""
+    task = CameraTask()
+    exact = dataclasses.replace(
+        Operator(), floor_lateral=0.0, floor_depth=0.0, depth_bias=0.0, weber_lateral=0.0
+    )
+    exact = dataclasses.replace(exact, weber_depth=0.0, weber_cross=0.0, memory=0.2)
+    eyes = Eyes(exact, task, insertion(), np.random.default_rng(7))
+    goal, mark = task.targets[2], task.spheres[2].centre
+    close = pose(task.targets[0])
+    eyes.look(0.0, insertion().x_rcm)
+    shown = eyes.perceive(0.3, goal, mark)
+    assert shown is not None
+    assert_allclose(eyes.place(goal, shown), (0.0, 0.0, insertion().tip_depth), atol=1e-12)
+    eyes.look(1.0, close)  # a close-up of the first sphere: the others are out of sight
+    off = []
+    for _ in range(400):
+        eyes.remember()
+        first, second = (eyes.perceive(2.0, goal, mark) for _ in range(2))
+        assert first is not None
+        assert first == second
+        off.append(np.subtract(eyes.place(goal, first), task.targets[0]))
+    beside = math.dist(mark, task.spheres[0].centre)
+    assert_allclose(np.std(off, axis=0), 0.2 * beside, rtol=0.12)
+
+
+@pytest.mark.parametrize("period", [1e-3, 4e-3, 8e-3])
+def test_the_camera_has_thirty_images_a_second_whatever_the_period(period: float) -> None:
+    eyes = Eyes(Operator(), CameraTask(), insertion(), np.random.default_rng(7))
+    for k in range(round(2.0 / period)):
+        eyes.look(k * period, insertion().x_rcm)
+    assert len(eyes._frames) == 60
+
+
+def test_a_movement_ends_short_and_scattered_as_its_muscles_have_it() -> None:
+    operator = dataclasses.replace(QUICK, gain=0.8, motor_noise=0.1)
+    away, ends = np.array([0.02, -0.01, 0.03]), []
+    asking = steering(CameraTrial(operator))
+    asking._eyes.perceive = lambda *_: tuple(away)  # type: ignore[method-assign]
+    for _ in range(3000):
+        asking._move = Submovement((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.0, 1.0)
+        asking._decide(2.0)
+        ends.append(asking._move.way)
+    assert_allclose(np.mean(ends, axis=0), 0.8 * away, rtol=0, atol=2e-4)
+    assert_allclose(np.std(ends, axis=0), 0.1 * 0.8 * np.linalg.norm(away), rtol=0.06)
+
+
+def test_the_point_beside_the_obstacle_is_passed_when_it_seems_near_and_the_way_clear() -> None:
+    """Where the camera really is makes no difference: it has not moved at all here."""
+    for seems, clear in ((0.0075, True), (0.0085, False)):
+        trial = CameraTrial(QUICK)
+        asking = steering(trial)
+        asking.objective = 2
+        asking._start_objective(0.0, trial.task.targets[1])
+        assert asking._via is not None
+        asking._eyes.look(0.0, pose(trial.task.targets[1]))
+        asking._eyes.perceive = lambda *_, z=-seems: (0.0, 0.0, z)  # type: ignore[method-assign]
+        asking._decide(1.0)
+        assert (asking._via is None) is clear
+
+
 def test_an_image_without_spheres_tells_nothing_and_the_hand_goes_back() -> None:
     task = CameraTask()
     eyes = Eyes(Operator(), task, insertion(), np.random.default_rng(7))
     eyes.look(0.0, pose((0.0, 0.0, 0.16)))  # past where it sees any
-    assert eyes.perceive(1.0, task.targets[0]) is None
+    assert eyes.perceive(1.0, task.targets[0], task.spheres[0].centre) is None
     asking, blind = steering(CameraTrial(QUICK)), pose((0.0, 0.0, 0.16))
     ways, moves = [], set()
     for k in range(200):

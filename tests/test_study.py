@@ -15,27 +15,30 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any, cast
 
 import joblib
 import numpy as np
 import pytest
 from helpers import assert_allclose
+from matplotlib.figure import Figure
 
-from rcmqp import Run, compute_metrics, simulate
+from rcmqp import Insertion, Instrument, Run, compute_metrics, load_arm, simulate
 from rcmqp.arm import ArmState
 from rcmqp.camera_task import CameraTask
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion, HierarchicalQP
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.operators import CameraTrial, recognition_times
-from rcmqp.reference import Reference
+from rcmqp.operators import CameraTrial, operator_of_study, recognition_times
+from rcmqp.reference import Reference, ViewCommand, view_pose
+from rcmqp.study.fingerprint import fingerprint
 from rcmqp.study.outcome import outcome_of
 from rcmqp.study.perform import RUNS, Performed, perform, run_trial, trial_file
 from rcmqp.study.plan import Law, Study
 from rcmqp.study.record import Record
 from rcmqp.study.report import write_figures, write_tables
 from rcmqp.study.tables import outcomes_csv, table
-from rcmqp.tasks import ObjectiveTask, RcmTask, Together
+from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Together
 
 SHORT = """
 import dataclasses
@@ -101,11 +104,12 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
     done = {path: path.stat().st_mtime_ns for path in (folder / RUNS).glob("[!.]*.h5")}
     assert 2 <= len(done) < 8
     (folder / RUNS / f".left.h5.{process.pid}.part").write_bytes(b"half a file")
+    (folder / RUNS / ".x.part").touch()  # somebody else's
     again = perform(study(str(file), 8), folder)
     assert {path: path.stat().st_mtime_ns for path in done} == done
     assert text_of(again) == text_of(perform(study(str(file), 8), tmp_path / "whole"))
     assert any("removed 1 unfinished file" in note for note in again.notes)
-    assert not list((folder / RUNS).glob("*.part"))
+    assert [file.name for file in (folder / RUNS).glob(".*")] == [".x.part"]
 
 
 def test_trials_that_another_version_ran_are_told_of(short: str, tmp_path: Path) -> None:
@@ -145,6 +149,7 @@ def test_a_full_disk_is_said_and_leaves_whole_files_only(short: str, tmp_path: P
     """The system's limit on a file's size stands in for the disk's end."""
     chosen, folder = study(short, 3), tmp_path / "out"
     perform(dataclasses.replace(chosen, operators=1), folder)
+    perform(dataclasses.replace(chosen, operators=1, laws=(Law(period=0.03),)), folder)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
     try:
@@ -152,7 +157,7 @@ def test_a_full_disk_is_said_and_leaves_whole_files_only(short: str, tmp_path: P
             perform(chosen, folder)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert len(list((folder / RUNS).iterdir())) == 1
+    assert len(list((folder / RUNS).iterdir())) == 2
     assert text_of(perform(chosen, folder)) == text_of(perform(chosen, tmp_path / "whole"))
 
 
@@ -227,6 +232,82 @@ def test_ones_own_controller_goes_along_to_other_processes(short: str, tmp_path:
     assert found.stdout == "['', ''] 0\n"
 
 
+def test_a_controller_of_ones_own_that_was_edited_runs_again(
+    short: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def written(share: float) -> type[DualQuaternion]:
+        text = f"return Command({share} * super(Mine, self)._step(state, reference).v)"
+        space: dict[str, Any] = {
+            "__name__": "mine",
+            "Command": Command,
+            "DualQuaternion": DualQuaternion,
+        }
+        exec(f"class Mine(DualQuaternion):\n def _step(self, state, reference):\n  {text}", space)
+        return cast(type[DualQuaternion], space["Mine"])
+
+    found, notes = [], []
+    for share in (1.0, 0.5, 0.5):
+        monkeypatch.setitem(CONTROLLERS, "mine", written(share))
+        done = perform(Study(short, 1, laws=(Law("mine", 0.02),)), tmp_path)
+        found.append(done.outcomes[0].digest)
+        notes.append(list(done.notes))
+    assert found[0] != found[1] == found[2]
+    assert notes[0] == notes[2] == []
+    (note,) = notes[1]
+    assert note == "mine, 20 ms or the URDF has changed since it was run; 1 trials are made again"
+
+
+def test_a_fingerprint_knows_the_urdf_the_options_and_the_code(tmp_path: Path) -> None:
+    def made(kind: type[DualQuaternion], limit: str = "", **options: float) -> str:
+        urdf = load_arm("kinova").urdf
+        assert urdf is not None
+        (tmp_path / "arm.urdf").write_text(urdf.read_text() + limit)
+        arm = load_arm(str(tmp_path / "arm.urdf"), "j2s6s200_end_effector")
+        insertion = Insertion.on_shaft(arm, Instrument())
+        return fingerprint(kind(insertion, 0.01, **options))  # type: ignore[arg-type]
+
+    class Lazy(DualQuaternion):
+        share = 0.5
+
+    lazy = made(Lazy)
+    assert lazy == made(Lazy)
+    others = [made(DualQuaternion), made(Lazy, "<!-- -->"), made(Lazy, gain=59.0)]
+    Lazy.share = 0.25
+    assert len({lazy, *others, made(Lazy)}) == 5
+
+
+def test_a_scenarios_file_that_was_edited_is_read_again(tmp_path: Path) -> None:
+    file, ends = tmp_path / "short.py", []
+    for duration in (0.2, 0.4):
+        file.write_text(SHORT.format(duration=duration), encoding="utf-8")
+        done = perform(study(str(file), 1), tmp_path / str(duration))
+        ends.append(done.record(0).traces["time"][-1])
+    assert_allclose(ends, [0.2, 0.4], atol=1e-6)
+
+
+def test_a_flange_without_a_urdf_is_refused(short: str) -> None:
+    with pytest.raises(OptionError, match="flange = tool0 is for a URDF"):
+        study(short, 1, arms=("lwa3",), flange="tool0")
+
+
+def test_the_figures_are_of_the_trial_of_median_time(
+    short: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, drawn = perform(study(short, 3), tmp_path), []
+
+    def drawing(record: Record) -> Figure:
+        drawn.append(record.outcome.operator)
+        return Figure()
+
+    monkeypatch.setattr("rcmqp.study.figures.trial_figure", drawing)
+    timed = [
+        dataclasses.replace(o, finished=True, completion_s=t, reached_s=(1.0, 2.0, 3.0, t))
+        for o, t in zip(done.outcomes, (60.0, 80.0, 70.0), strict=True)
+    ]
+    write_figures(dataclasses.replace(done, outcomes=timed))
+    assert drawn == [2]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fragile(DualQuaternion):
     """Fails where a file says so."""
@@ -262,7 +343,7 @@ def test_a_controller_that_cannot_be_made_is_an_error_and_no_outcome(
     trial = study(short, 1).trials()[0]
     broken = dataclasses.replace(trial, law=Law(period=0.02, options=(("gane", 1.0),)))
     with pytest.raises(UnknownName, match="did you mean gain"):
-        run_trial(broken, tmp_path, CONTROLLERS["dual_quaternion"])
+        run_trial(broken, tmp_path, CONTROLLERS["dual_quaternion"], "")
 
 
 def test_a_trial_can_be_looked_at(
@@ -353,6 +434,12 @@ def test_hierarchical_qp_holds_tip_and_roll_as_one_level_with_its_own_gains() ->
     assert isinstance(own, ObjectiveTask)
     assert {rcm.gain, *(task.gain for task in camera.tasks)} == {50.0}
     assert own.K_c == 3.0
+    state, reference = (
+        made.insertion.state(made.insertion.q_start),
+        view_pose(made.insertion.x_rcm, ViewCommand()),
+    )
+    one, all_of = (task.level(state, reference).A for task in (RollTask(), camera))
+    assert_allclose(all_of[3:], 0.1 * one)  # a radian is worth 10 cm
     chosen = Law("hierarchical_qp", options=(("backend", "daqp"), ("K_c", 0.0)))
     (trial,) = Study(operators=1, laws=(chosen,)).trials()
     made = trial.law.controller(trial.made())
@@ -426,9 +513,7 @@ def test_a_shaft_that_touches_the_obstacle_with_its_side_collides(short: str) ->
     assert outcome.obstacle_shaft_mm == pytest.approx(25.0 - 21.5 - 5.0, abs=0.2)
     assert outcome.obstacle_tip_mm == pytest.approx(math.hypot(25.0, 40.0) - 21.5, abs=0.2)
     assert outcome.collided
-    assert outcome.looking_s == pytest.approx(
-        sum(recognition_times(made.path.operator, 4, made.seed))
-    )
+    assert outcome.looking_s == 0.0  # no objective was reached
 
 
 def test_a_record_survives_its_file(short: str, tmp_path: Path) -> None:
@@ -479,6 +564,8 @@ def test_experiment_b_is_reproduced_and_others_are_unknown(
     assert trial["arm"] == "lwa3"
     assert trial["controller"] == "dual_quaternion, 8 ms"
     assert 0.1 < trial["tip_rms_mm"] < 0.6
+    person, seed = operator_of_study(0, 46)
+    assert trial["looking_s"] == pytest.approx(sum(recognition_times(person, 4, seed)))
     assert trial["rcm_max_mm"] < 0.37
     with pytest.raises(SystemExit) as ended:
         main(["reproduce", "-e", "c"])

@@ -111,6 +111,24 @@ def cells_of(text: str, start: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
+def test_what_rests_on_fewer_people_says_on_how_many(tmp_path: Path) -> None:
+    half = [dataclasses.replace(o, completion_s=math.nan) for o in outcomes("a", 0.0)[:2]]
+    rows = rows_of(table(Performed(Study(), tmp_path, [*half, *outcomes("a", 0.0)[2:]])))
+    assert rows["completion time [s]"][1].endswith("] (2 of 4)")
+    assert rows["completion time [s]"][2] == "62.0 (1 of 2)"
+    assert " of " not in rows["RCM error, rms [mm]"][1]
+
+
+def test_one_person_has_differences_and_neither_intervals_nor_tests(tmp_path: Path) -> None:
+    two = [outcomes(law, shift)[0] for law, shift in (("a", 0.0), ("b", 0.25))]
+    text = table(Performed(Study(), tmp_path, two))
+    assert "nan" not in text
+    (cells,) = cells_of(text, "| tip error, rms [mm] |")
+    assert cells[1:] == ["0.3", "0.55", "0.25", ""]
+    (cells,) = cells_of(text, "| a | b | Schunk LWA3 | tip")
+    assert cells[4:] == ["1", "0.25", "", "", "", ""]
+
+
 def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
     first, second = outcomes("a, 8 ms", 0.0), outcomes("b, 1 ms", -0.25)
     text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
@@ -205,10 +223,13 @@ def test_every_trial_is_a_row_of_the_csv() -> None:
 
 def test_the_figures_draw_the_numbers_beside_the_papers() -> None:
     traces = {name: np.linspace(0.0, k + 1.0, 5) for k, name in enumerate(TRACES)}
-    above, below = trial_figure(Record(outcomes("a", 0.0)[0], "", "", traces)).axes
+    above, below = trial_figure(Record(outcomes("a", 0.0)[0], "", "", "", traces)).axes
     for axes, index, name in ((above, 0, "tip"), (above, 1, "effector"), (below, 0, "rcm")):
         assert_allclose(np.asarray(axes.lines[index].get_ydata()), 1e3 * traces[f"{name}_error"])
     figure = groups_figure(outcomes("a", 0.0))
+    _, _, (bars,) = figure.axes[1].containers[0]
+    lengths = [np.ptp(path.vertices[:, 1]) for path in bars.get_paths()]
+    assert_allclose(lengths, [0.0, 0.0, 0.0, 2.0 * math.sqrt(2.0)], atol=1e-12)  # +- 1 deviation
     whole, _, errors = figure.axes
     papers = [line for line in whole.lines if line.get_linestyle() == "--"]
     assert [line.get_ydata()[0] for line in papers] == [84.0, 52.0]  # type: ignore[index]

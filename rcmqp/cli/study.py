@@ -119,6 +119,8 @@ def _remake(trial: Path, folder: Path) -> None:
     run.save(file)
     if run.digest != Record.load(trial).outcome.digest:
         console.err.print(
-            "note: its digest is not the trial's: other versions ran that", soft_wrap=True
+            "note: its digest is not the trial's: other versions, another controller of that name "
+            "or another URDF ran that",
+            soft_wrap=True,
         )
     out.print(f"wrote {file}: rcmqp view {file}", markup=False, highlight=False, soft_wrap=True)

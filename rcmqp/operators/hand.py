@@ -45,9 +45,20 @@ class Hand:
             h, v, u = self.position[i], self.velocity[i], meant[i] + shake * tremor[i]
             position.append(a * h + b * v + c * u)
             velocity.append(d * h + e * v + f * u)
+        free = (position[0], position[1], position[2])
+        self.position = self._device.reach(free)
         self.velocity = (velocity[0], velocity[1], velocity[2])
-        self.position = self._device.reach((position[0], position[1], position[2]))
+        if self.position is not free:
+            self.velocity = _inwards(self.velocity, self.position)
         return self.position
+
+
+def _inwards(velocity: Vector3, position: Vector3) -> Vector3:
+    """A velocity (3,) at the workspace's edge, without its part beyond the edge."""
+    distance = math.hypot(*position)
+    x, y, z = (p / distance for p in position)
+    out = max(0.0, x * velocity[0] + y * velocity[1] + z * velocity[2])
+    return velocity[0] - out * x, velocity[1] - out * y, velocity[2] - out * z
 
 
 def _discrete(stiffness: float, damping: float, period: float) -> tuple[Vector3, Vector3]:

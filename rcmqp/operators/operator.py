@@ -30,6 +30,8 @@ class Operator:
         floor_lateral, floor_depth: what remains of it at the goal [m].
         depth_bias: standard deviation of a further error in depth, whatever the distance, drawn
             anew at each decision [m].
+        memory: error, each axis, of where something is that is not in the image, over its distance
+            from the nearest thing that is.
         recognition: mean time to find out from the two pictures where to go [s], once an
             objective; gamma distributed, with ``recognition_shape``.
         recognition_shape: of that distribution.
@@ -59,6 +61,7 @@ class Operator:
     floor_lateral: float = 0.375e-3
     floor_depth: float = 1.6e-3
     depth_bias: float = 0.5e-3
+    memory: float = 0.1
     recognition: float = 8.7
     recognition_shape: float = 3.0
     fitts_intercept: float = 0.18

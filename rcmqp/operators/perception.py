@@ -40,8 +40,11 @@ class Eyes:
 
         s_x = floor + weber |e_x|,   s_z = floor + weber |e_z| + cross |e|,
 
-    and a further error in depth. Nothing is perceived of an image in which none of the spheres
-    can be seen.
+    and a further error in depth. What is not in the image is remembered, from the first image,
+    which shows all, by its place beside the nearest sphere that is. A memory is off by N(0, 1) of
+    ``memory`` times the distance between the two, by the same on the whole way to an objective.
+    Nothing is perceived of an image in which none of the spheres can be seen. That one thing may
+    hide another is left out.
     """
 
     def __init__(
@@ -57,6 +60,11 @@ class Eyes:
         self._half = insertion.instrument.camera.field_of_view / 2.0
         self._shown = np.array([sphere.centre for sphere in (*task.spheres, task.obstacle)])
         self._frames: deque[Frame] = deque()
+        self.remember()
+
+    def remember(self) -> None:
+        """Call to mind, anew, where all is that is not in the image."""
+        self._slip = self._rng.normal(size=3)
 
     def tip(self, x: Array) -> Vector3:
         """The tip (3,) [m] of an effector pose x (8,), from the trocar in the start's axes.
@@ -77,7 +85,8 @@ class Eyes:
 
     def look(self, t: float, x: Array) -> None:
         """An image from the effector pose x (8,) at ``t`` [s], if one is due."""
-        if not self._frames or t >= self._frames[-1].t + FRAME_TIME - 1e-9:
+        due = int(t / FRAME_TIME + 1e-6)  # the camera's clock is its own, whatever the period
+        if not self._frames or due > int(self._frames[-1].t / FRAME_TIME + 1e-6):
             self._frames.append(Frame(t, x))
 
     def frame(self, t: float) -> Frame:
@@ -86,12 +95,13 @@ class Eyes:
             self._frames.popleft()
         return self._frames[0]
 
-    def perceive(self, t: float, goal: Vector3) -> Vector3 | None:
+    def perceive(self, t: float, goal: Vector3, mark: Vector3) -> Vector3 | None:
         """The way (3,) [m] to the goal, in the image's axes, as it seems at ``t`` [s].
 
         Args:
             t: now; what is seen is from ``delay`` ago.
             goal: (3,) where the camera is to be, from the trocar in the start's axes [m].
+            mark: (3,) centre of the sphere that the goal is known by, likewise.
 
         Returns:
             None if the image shows none of the spheres.
@@ -101,9 +111,12 @@ class Eyes:
         tip = np.array(self.tip(x))
         shown = dq.rotate(turned, self._shown - tip)
         across = np.hypot(shown[:, 0], shown[:, 1])
-        if not (np.arctan2(across, shown[:, 2]) <= self._half).any():
+        seen = np.arctan2(across, shown[:, 2]) <= self._half
+        if not seen.any():
             return None
-        return self._judge(dq.rotate(turned, np.array(goal) - tip).tolist())
+        beside = np.linalg.norm(self._shown[seen] - np.array(mark), axis=1).min()
+        slip = self._operator.memory * beside * self._slip
+        return self._judge(dq.rotate(turned, np.array(goal) + slip - tip).tolist())
 
     def place(self, goal: Vector3, away: Vector3) -> Vector3:
         """Where (3,) the camera seems to be, if ``away`` (3,) is the perceived way to a goal.

@@ -134,6 +134,7 @@ PARAMETERS: Mapping[str, Parameter] = {
         "m", "lognormal", (2.6e-3, 0.35), (1.6e-3, 0.35), 0.5e-3, 6e-3, "[C]; see weber_depth"
     ),
     "depth_bias": _each("m", "fixed", (0.8e-3, 0), (0.5e-3, 0), 0.0, 2e-3, "[A]"),
+    "memory": _fixed("1", 0.1, 0.02, 0.3, "[A] a tenth of the distance"),
     "recognition": _each(
         "s",
         "lognormal",

@@ -43,13 +43,12 @@ class Steering:
     the straight way to the objective clear; or near for the second time. The point is such that
     the shaft would keep the margin and ``caution`` standard deviations of what the last part of
     the way, without correction, would be off when it passes; clear is a way that keeps half of
-    that. A movement under way is watched, image by image: if what is left of it would take the
-    shaft to within half the margin, the next one is decided at once. Where a movement leads is
-    seen in how the image flows, to about a degree (Warren, Morris and Kalish 1988, from memory),
-    so this is taken to be without error.
+    that. A movement once begun is carried out, whatever it leads to: the camera looks ahead, and
+    nobody sees the shaft come to the obstacle.
 
-    Where the goal is, the operator knows from comparing the camera's image with the picture;
-    neither joints nor poses, nor which controller moves the arm.
+    How the scene is laid out, the operator knows from the pictures and the first image, where it
+    is from the camera's images, late and inexactly, see Eyes; neither joints nor poses, nor which
+    controller moves the arm. That an objective is reached, and the next one due, is told.
 
     Chance is four streams out of one seed: recognition, tremor, perception, movement. What is
     drawn for one does not shift another.
@@ -95,7 +94,7 @@ class Steering:
             self.objective += 1
             if self.objective == len(self._targets):
                 return None
-            self._start_objective(t, tip)
+            self._start_objective(t, self._targets[self.objective - 1])
         self._eyes.look(t, x)
         if t >= self._next:
             self._decide(t)
@@ -103,14 +102,15 @@ class Steering:
         self._hand.step(self._move.position(t))
         return self._view.ask(state)
 
-    def _start_objective(self, t: float, tip: Vector3) -> None:
-        """The pictures of the next objective are shown at ``t`` [s]."""
+    def _start_objective(self, t: float, start: Vector3) -> None:
+        """The pictures of the next objective are shown at ``t`` [s], at ``start`` (3,) [m]."""
         goal, obstacle = self._targets[self.objective], self._task.obstacle
+        self._eyes.remember()
         operator, touching = self._operator, self._touching
-        self._via = via_point(tip, goal, obstacle, touching + operator.margin)
+        self._via = via_point(start, goal, obstacle, touching + operator.margin)
         if self._via is not None:
             wanted = operator.margin + operator.caution * self._passing_error(self._via, goal)
-            self._via = via_point(tip, goal, obstacle, touching + wanted)
+            self._via = via_point(start, goal, obstacle, touching + wanted)
             self._turn = touching + wanted / 2.0
         self._passed = False
         self._next = t + operator.delay + self._recognition[self.objective]
@@ -129,14 +129,14 @@ class Steering:
         """Begin a submovement at ``t`` [s]."""
         operator = self._operator
         goal = self._targets[self.objective]
-        away = self._eyes.perceive(t, self._via or goal)
+        away = self._perceived(t)
         if self._via is not None and away is not None and math.hypot(*away) < NEAR:
             seems = self._eyes.place(self._via, away)
             if self._passed or is_clear(seems, goal, self._task.obstacle, self._turn):
                 self._via = None
             self._passed = True
             if self._via is None:
-                away = self._eyes.perceive(t, goal)
+                away = self._perceived(t)
         here = self._move.position(t)
         if away is None:  # nothing to be seen: back towards where there was
             x, y, z = (-0.5 * a for a in here)
@@ -148,6 +148,13 @@ class Steering:
         lasts = duration(operator, math.hypot(*way))
         self._move = Submovement(here, way, t, lasts)
         self._next = t + max(operator.interval, lasts + 0.9 * operator.delay)
+
+    def _perceived(self, t: float) -> Vector3 | None:
+        """The way (3,) [m] to the point beside the obstacle, or to the objective; see Eyes."""
+        if self._via is not None:
+            return self._eyes.perceive(t, self._via, self._task.obstacle.centre)
+        goal = self._targets[self.objective]
+        return self._eyes.perceive(t, goal, self._task.spheres[self.objective].centre)
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:

@@ -50,7 +50,19 @@ class CameraTrial:
             raise OptionError(f"duration = {self.duration} s, it must be positive")
 
     def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
-        """The operator at the device; equal arguments do the same to the bit."""
+        """The operator at the device; equal arguments do the same to the bit.
+
+        Raises:
+            OptionError: an objective is out of the device's reach.
+        """
+        for i, target in enumerate(self.task.targets):
+            far = math.hypot(*self.mapping.way(target, insertion.tip_depth))
+            if far > self.device.radius:
+                raise OptionError(
+                    f"objective {i + 1} is {1e3 * far:.0f} mm of the hand away, the device "
+                    f"reaches {1e3 * self.device.radius:.0f} mm: a larger scale than "
+                    f"{self.mapping.scale} brings it nearer"
+                )
         return Steering(
             self.operator, self.task, self.device, self.mapping, insertion, period, seed
         )

@@ -76,7 +76,7 @@ def side_by_side(outcomes: Sequence[Outcome]) -> str:
         return ""
     of = [[o for o in outcomes if (o.arm, o.controller) == each] for each in found]
     changes = {c.name: c for c in compared} if len(found) == 2 else {}
-    ends = ["mean change [95 %]", "p (Holm)"] if changes else []
+    ends = ["mean change [95 %]", "p, rank (Holm)"] if changes else []
     heads = ["", *_short(found), *ends]
     lines = [row(heads), row(["---", *["---:"] * (len(heads) - 1)])]
     for label, name, kind, style in SIDE_BY_SIDE:
@@ -102,6 +102,8 @@ def comparison_table(outcomes: Sequence[Outcome]) -> str:
             names = [title(arm), title(c.second[0]), law]
         numbers = [f"{d.mean:.4g}", f"[{d.low:.4g}, {d.high:.4g}]", f"{c.found.p_t:.2g}"]
         p_values = [f"{c.found.p_signed_rank:.2g}", f"{c.p:.2g}"]
+        if d.count < 2:  # one person, or none: neither intervals nor tests
+            numbers, p_values = [numbers[0] if d.count else "", "", ""], ["", ""]
         lines.append(row([*names, c.name, str(d.count), *numbers, *p_values]))
     tests = "Paired t test and Wilcoxon's signed-rank test; Holm's correction is of the latter."
     lines += ["", tests]
@@ -138,6 +140,8 @@ def _change(found: Comparison | None, kind: str) -> list[str]:
     if found is None or kind != "mean":
         return ["", ""]
     d = found.found.difference
+    if d.count < 2:
+        return [f"{d.mean:.2g}" if d.count else "", ""]
     return [f"{d.mean:.2g} [{d.low:.2g}, {d.high:.2g}]", f"{found.p:.2g}"]
 
 

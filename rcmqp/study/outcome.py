@@ -39,7 +39,7 @@ class Outcome:
         finished: whether every objective was reached.
         completion_s: when the last one was; NaN if not all were.
         reached_s: when each was.
-        looking_s: of that, the time spent finding out where to go: drawn, not moved.
+        looking_s: the time spent finding out where the objectives reached are: drawn, not moved.
         obstacle_tip_mm: least distance of the camera, as a point, from the obstacle's surface.
         obstacle_shaft_mm: least distance of the shaft's surface from it; negative inside.
         collided: whether the shaft touched it.
@@ -112,7 +112,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         finished=not np.isnan(times[-1]),
         completion_s=float(times[-1]),
         reached_s=tuple(map(float, times)),
-        looking_s=float(sum(looking)),
+        looking_s=float(sum(s for s, t in zip(looking, times, strict=True) if not np.isnan(t))),
         obstacle_tip_mm=1e3 * float(camera.min()),
         obstacle_shaft_mm=1e3 * float(surface.min()),
         collided=bool(surface.min() < 0.0),

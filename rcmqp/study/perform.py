@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,9 +14,11 @@ from joblib import Parallel, delayed
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
 from rcmqp.files import check_writable, make_folder
+from rcmqp.operators import CameraTrial
 from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 from rcmqp.simulate import simulate, versions
+from rcmqp.study.fingerprint import fingerprint
 from rcmqp.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.study.plan import Law, Study, Trial
 from rcmqp.study.record import SUFFIX, Record, sweep
@@ -63,8 +66,8 @@ def perform(
 
     Whoever runs a trial writes its file, at once or not at all: a study that is killed goes on
     where it was when it is started again, and what comes of it is the same. Files that are
-    damaged, and trials that failed, are made again. The outcomes do not depend on the number of
-    jobs.
+    damaged, trials that failed, and those of a controller or URDF that has changed since, see
+    fingerprint(), are made again. The outcomes do not depend on the number of jobs.
 
     Args:
         study: what to run.
@@ -87,22 +90,28 @@ def perform(
     notes = []
     if swept := sweep(runs):
         notes.append(f"removed {swept} unfinished files of a study that was stopped")
-    _check_makeable(study)
-    todo = []
+    made_of = _check_makeable(study)
+    todo = {}
     for trial in trials:
-        if note := _missing(trial, folder):
-            todo.append(trial)
-            notes.extend(note if note != [""] else [])
+        whose = made_of[trial.arm, trial.law]
+        reason = _missing(trial, folder, whose)
+        if reason is not None:
+            todo[trial] = reason
+    told = Counter(reason for reason in todo.values() if reason)
+    notes += [f"{reason}; {count} trials are made again" for reason, count in told.items()]
     report = progress or (lambda title, done, total: None)
     report("trials", len(trials) - len(todo), len(trials))
     work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")(
-        delayed(run_trial)(trial, folder, CONTROLLERS[trial.law.name]) for trial in todo
+        delayed(run_trial)(
+            trial, folder, CONTROLLERS[trial.law.name], made_of[trial.arm, trial.law]
+        )
+        for trial in todo
     )
     try:
         for _ in work:
             report("trials", 1, len(trials))
     except RunFileError as error:
-        done = len(list(runs.glob(f"*{SUFFIX}")))
+        done = sum(trial_file(folder, trial).is_file() for trial in trials)
         raise RunFileError(
             error.path,
             f"{error.reason}; {done} of {len(trials)} trials are kept: once there is room and "
@@ -121,7 +130,7 @@ def perform(
     return Performed(study, folder, outcomes, notes)
 
 
-def run_trial(trial: Trial, folder: Path, kind: type[Controller]) -> None:
+def run_trial(trial: Trial, folder: Path, kind: type[Controller], made_of: str) -> None:
     """Run one trial and write its file.
 
     A controller that fails is an outcome, with its reason.
@@ -131,6 +140,7 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller]) -> None:
         folder: of the study.
         kind: the trial's controller; it comes along because another process knows those of
             rcmqp only.
+        made_of: the controller's fingerprint().
 
     Raises:
         RunFileError: the file cannot be written.
@@ -143,7 +153,7 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller]) -> None:
         outcome, traces = outcome_of(trial, simulate(scenario, controller))
     except (RcmqpError, np.linalg.LinAlgError) as error:
         outcome, traces = failed_outcome(trial, scenario, str(error)), {}
-    record = Record(outcome, scenario.to_json(), trial.law.to_json(), traces)
+    record = Record(outcome, scenario.to_json(), trial.law.to_json(), made_of, traces)
     record.save(trial_file(folder, trial))
 
 
@@ -162,21 +172,30 @@ def remake(file: str | os.PathLike[str]) -> Run:
     return simulate(scenario, Law.from_json(record.law).controller(scenario))
 
 
-def _check_makeable(study: Study) -> None:
+def _check_makeable(study: Study) -> dict[tuple[str, Law], str]:
     """Find before the work what cannot be made at all, or would be counted twice.
+
+    Returns:
+        The fingerprint() of each arm's and law's controller.
 
     Raises:
         OptionError: two arms are the same one, or two trials would share a file.
         RcmqpError: scenario, arm or controller cannot be made.
     """
     firsts = [trial for trial in study.trials() if trial.operator == 0]
-    arms = [trial.made().arm for trial in firsts]
+    arms, made_of = [], {}
     for trial in firsts:
-        trial.law.controller(trial.made())
+        scenario = trial.made()
+        controller = trial.law.controller(scenario)
+        assert isinstance(scenario.path, CameraTrial)
+        scenario.path.start(controller.insertion, scenario.period, scenario.seed)
+        arms.append(scenario.arm)
+        made_of[trial.arm, trial.law] = fingerprint(controller)
     if len(set(arms)) < len(study.arms):
         raise OptionError(f"arms = {study.arms} are only {sorted(set(arms))}; give each once")
     if len({trial.stem for trial in firsts}) < len(firsts):
         raise OptionError(f"{study}: two of its trials would share a file; rename an arm's file")
+    return made_of
 
 
 def _other_versions(found: Sequence[Mapping[str, str]]) -> list[str]:
@@ -193,21 +212,23 @@ def _other_versions(found: Sequence[Mapping[str, str]]) -> list[str]:
     ]
 
 
-def _missing(trial: Trial, folder: Path) -> list[str]:
-    """Why a trial has to be run, [""] if it never was or failed; empty if its file is good.
+def _missing(trial: Trial, folder: Path, made_of: str) -> str | None:
+    """Why a trial has to be run, "" if it never was or failed; None if its file is good.
 
     Raises:
         RunFileError: the file is another trial's.
     """
     file = trial_file(folder, trial)
     if not file.exists():
-        return [""]
+        return ""
     try:
         record = Record.load(file)
     except RunFileError as error:
-        return [f"{error}; it is made again"]
+        return str(error)
     _check_whose(trial, record, file)
-    return [""] if record.outcome.failure else []
+    if record.made_of != made_of:
+        return f"{trial.law} or the URDF has changed since it was run"
+    return "" if record.outcome.failure else None
 
 
 def _kept(trial: Trial, folder: Path) -> tuple[Outcome, Mapping[str, str]]:

@@ -29,6 +29,8 @@ ROLL_WEIGHT = 0.01
 PERIOD = 1e-3
 """Sampling period of every other controller [s]."""
 
+Stamp = tuple[int, int]
+
 
 @dataclass(frozen=True, slots=True)
 class Law:
@@ -133,7 +135,8 @@ class Trial:
             OptionError: nobody steers in this scenario, or somebody of its own.
         """
         flange = None if self.arm in ("", *arm_names()) else self.flange
-        base = _base(self.scenario, self.arm, flange, self.law.period)
+        files = tuple(_stamp(name) for name in (self.scenario, self.arm))
+        base = _base(self.scenario, self.arm, flange, self.law.period, files)
         if not isinstance(base.path, CameraTrial):
             raise OptionError(
                 f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
@@ -181,6 +184,8 @@ class Study:
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
                 raise OptionError(f"{name} = {values}: at least one, and none twice")
+        if self.flange is not None and not set(self.arms).difference(("", *arm_names())):
+            raise OptionError(f"flange = {self.flange} is for a URDF, and none of the arms is one")
         operator_of_study(0, self.seed)
 
     def trials(self) -> list[Trial]:
@@ -205,8 +210,20 @@ def _camera_levels(made: HierarchicalQP) -> list[Task | Together]:
 
 
 @functools.cache
-def _base(scenario: str, arm: str, flange: str | None, period: float) -> Scenario:
+def _base(
+    scenario: str, arm: str, flange: str | None, period: float, files: tuple[Stamp, ...]
+) -> Scenario:
+    """The scenario without anybody in it; ``files`` is for the cache alone."""
     return load_scenario(scenario, arm or None, flange=flange, period=period)
+
+
+def _stamp(name: str) -> Stamp:
+    """When a file was last changed [ns], and its size; (0, 0) of what is no file."""
+    try:
+        found = Path(name).stat()
+    except OSError:
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
 
 
 def _plain(text: str) -> str:

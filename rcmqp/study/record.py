@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,9 +22,8 @@ from rcmqp.simulate import versions
 from rcmqp.study.outcome import TRACES, Outcome
 
 FORMAT = "rcmqp trial"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 SUFFIX = ".h5"
-PART = ".part"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,7 @@ class Record:
         outcome: its numbers.
         scenario: the scenario as JSON, operator and seed in it.
         law: the controller as JSON, see Law.
+        made_of: what else the trial depends on, see fingerprint().
         traces: see TRACES; none of a trial that failed.
         versions: of what ran it, see simulate.versions(); not part of the digest.
     """
@@ -41,13 +42,14 @@ class Record:
     outcome: Outcome
     scenario: str
     law: str
+    made_of: str
     traces: Mapping[str, Array]
     versions: Mapping[str, str] = field(default_factory=versions)
 
     @property
     def digest(self) -> str:
         """SHA-256 of all of it."""
-        sha = hashlib.sha256(f"{self.scenario}{self.law}".encode())
+        sha = hashlib.sha256(f"{self.scenario}{self.law}{self.made_of}".encode())
         sha.update(_json(self.outcome).encode())
         for name in sorted(self.traces):
             values = np.ascontiguousarray(self.traces[name])
@@ -71,6 +73,7 @@ class Record:
             file.attrs["format_version"] = FORMAT_VERSION
             file.attrs["scenario"] = self.scenario
             file.attrs["law"] = self.law
+            file.attrs["made_of"] = self.made_of
             file.attrs["outcome"] = _json(self.outcome)
             file.attrs["versions"] = json.dumps(self.versions)
             file.attrs["digest"] = self.digest
@@ -86,6 +89,8 @@ class Record:
         Raises:
             RunFileError: the file is missing, damaged or no trial's.
         """
+        if not path.is_file():
+            raise RunFileError(path, "is a folder" if path.is_dir() else "no such file")
         try:
             with h5py.File(path, "r") as file:
                 if file.attrs.get("format") != FORMAT:
@@ -106,6 +111,7 @@ class Record:
                     Outcome(**numbers),
                     file.attrs["scenario"],
                     file.attrs["law"],
+                    file.attrs["made_of"],
                     {name: data[()] for name, data in file.items()},
                     json.loads(file.attrs["versions"]),
                 )
@@ -123,7 +129,7 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         RunFileError: it cannot be written; nothing of it is left.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}{PART}")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         try:
             with part.open("wb") as stream:
@@ -139,17 +145,18 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def sweep(folder: Path) -> int:
     """Remove what processes left behind that were killed while they wrote; how many files."""
-    left = [file for file in folder.glob(f".*{PART}") if not _alive(file.suffixes[-2][1:])]
+    found = ((file, re.search(r"\.(\d+)\.part$", file.name)) for file in folder.glob(".*"))
+    left = [file for file, number in found if number and not _alive(int(number[1]))]
     for file in left:
         file.unlink(missing_ok=True)
     return len(left)
 
 
-def _alive(process: str) -> bool:
+def _alive(process: int) -> bool:
     """Whether a process with this number runs here."""
     try:
-        os.kill(int(process), 0)
-    except (ProcessLookupError, ValueError):
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:
         return True
