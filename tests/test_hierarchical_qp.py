@@ -22,6 +22,8 @@ from rcmqp import (
 )
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.limits import JointLimits
+from rcmqp.paths import ViewMoves
 from rcmqp.qp import HierarchySolution, SolverNotInstalled
 from rcmqp.tasks import RcmTask, RollTask, Task, TipTask, Together
 
@@ -240,3 +242,21 @@ def test_what_is_recorded_has_the_same_names_in_a_safe_stop() -> None:
     assert list(usual)[:3] == ["rcm + tip_residual", "tip_residual", "tip_2_residual"]
     assert controller.step(state, spoilt).diagnostics.keys() == usual.keys()
     assert usual.keys() == {*controller.diagnostics, "safe_stop"}
+
+
+def test_braking_early_before_a_position_limit_keeps_the_shaft_on_the_trocar() -> None:
+    """A view that swings wide, too fast for the arm: a joint comes to its limit at speed."""
+    views = ((0.5, 0.55, 1.7, -0.04), (-0.35, 0.15, 1.7, -0.025), (0.4, 0.15, -2.7, -0.02))
+    path = ViewMoves(views=views, move=0.4)
+    scenario = load_scenario("view_steps", "lwa3", path=path, duration=1.5, period=0.002)
+    insertion, most = scenario.insertion(), {}
+    for braking in (1.0, JointLimits.braking):
+        limits = [JointLimits(insertion.arm, scenario.period, braking=braking)]
+        run = simulate(
+            scenario,
+            HierarchicalQP(insertion, scenario.period, limits=limits, backend="active_set"),
+        )
+        most[braking] = run.rcm_error.max()
+        assert compute_metrics(run).limit_margin_min_rad > -1e-12
+    assert most[1.0] > 1e-3
+    assert most[JointLimits.braking] < 1e-6

@@ -140,8 +140,9 @@ def test_whatever_is_commanded_in_the_box_no_joint_limit_is_ever_broken(
     q = np.where(np.isinf(upper), rng.normal(size=arm.nv), 0.0)
     inside = np.isfinite(upper)
     q[inside] = rng.uniform(lower[inside], upper[inside])
-    fastest = np.minimum(arm.velocity, braking_speed(upper - q, arm.acceleration, period))
-    slowest = np.minimum(arm.velocity, braking_speed(q - lower, arm.acceleration, period))
+    soft = limit.braking * arm.acceleration
+    fastest = np.minimum(arm.velocity, braking_speed(upper - q, soft, period))
+    slowest = np.minimum(arm.velocity, braking_speed(q - lower, soft, period))
     v = rng.uniform(-slowest, fastest)  # could have been the last command, an instant ago
     q = q + period * v
     least_room, most_dv, most_v = np.full(arm.nv, np.inf), np.zeros(arm.nv), np.zeros(arm.nv)
@@ -187,7 +188,8 @@ def test_a_joint_beyond_its_limits_or_too_fast_comes_back(period: float) -> None
     # braking from the top speed, accelerating back, cruising and stopping, all with a cycle more
     to_stop = arm.velocity / arm.acceleration + period
     overshot = 0.5 + arm.velocity * to_stop
-    allowed = 3 * to_stop + 2 * np.sqrt(overshot / arm.acceleration) + overshot / arm.velocity
+    back = np.sqrt(overshot / (limit.braking * arm.acceleration))
+    allowed = 3 * to_stop + 2 * back + overshot / arm.velocity
     in_time = period * (k + 1) > allowed
     assert in_time.sum() >= 20
     assert (outside_for <= allowed)[in_time].all()
@@ -212,6 +214,7 @@ def test_the_precedence_is_speed_then_acceleration_then_position() -> None:
     ("change", "options", "message"),
     [
         ({}, {"period": 0.0}, r"period = 0.0 s; it must be positive"),
+        ({}, {"braking": 0.0}, r"braking = 0.0, it must be above 0 and at most 1"),
         ({}, {"margin": -0.1}, r"margin = -0.1 rad, it must be 0 or more"),
         ({}, {"margin": 5.0}, r"panda_joint1 has position limits .*margin of 5 rad leaves empty"),
         ({"lower": 3.0, "upper": -3.0}, {}, r"panda_joint1 .* \[3, -3\] rad, which a margin of 0"),

@@ -280,7 +280,7 @@ def pose(p: Vector3) -> Array:
 
 
 def test_distances_are_seen_late_in_the_image_and_worst_in_depth() -> None:
-    operator, task = Operator(depth_bias=2e-3), CameraTask()
+    operator, task = Operator(depth_bias=0.01), CameraTask()
     eyes = Eyes(operator, task, insertion(), np.random.default_rng(7))
     early, late = (0.01, 0.005, 0.10), (0.02, -0.01, 0.09)
     eyes.look(0.0, pose(early))

@@ -328,17 +328,19 @@ static void intersect(double *low, double *up, double next_low, double next_up)
     *low = l, *up = u;
 }
 
-static void joint_box(const Cycle *cycle, double T, double margin, int accelerate, double *lower,
-                      double *upper)
+/* limits/joints.py: JointLimits; line: kind, period, margin, acceleration, braking */
+static void joint_box(const Cycle *cycle, const double *line, double *lower, double *upper)
 {
-    const int n = cycle->n;
+    const int n = cycle->n, accelerate = line[3] != 0.0;
+    const double T = line[1], margin = line[2];
     for (int i = 0; i < n; ++i) {
         const double *limit = cycle->joints + i, speed = limit[2 * n];
         const double a = accelerate ? limit[3 * n] : INFINITY;
         double low = -speed, up = speed;
         if (accelerate) intersect(&low, &up, cycle->v[i] - T * a, cycle->v[i] + T * a);
-        intersect(&low, &up, -braking_speed(cycle->angles[i] - (limit[0] + margin), a, T),
-                  braking_speed(limit[n] - margin - cycle->angles[i], a, T));
+        const double soft = line[4] * a;
+        intersect(&low, &up, -braking_speed(cycle->angles[i] - (limit[0] + margin), soft, T),
+                  braking_speed(limit[n] - margin - cycle->angles[i], soft, T));
         intersect(lower + i, upper + i, low, up);
     }
 }
@@ -408,7 +410,7 @@ void limit_rows(const Cycle *cycle, const double *line, double *lower, double *u
                 double *d)
 {
     switch ((LimitKind)line[0]) {
-    case JOINTS: joint_box(cycle, line[1], line[2], line[3] != 0.0, lower, upper); break;
+    case JOINTS: joint_box(cycle, line, lower, upper); break;
     case TROCAR_CONE: cone_row(cycle, line, C, d); break;
     case TROCAR_DEPTH: depth_row(cycle, line, C, d); break;
     case KEEP_OUT: keep_out_row(cycle, line, C, d); break;

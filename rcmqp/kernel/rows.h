@@ -22,7 +22,7 @@ typedef enum {
 
 /* Kinds of limits, and what their line holds after the kind. */
 typedef enum {
-    JOINTS,       /* period, margin, whether accelerations count */
+    JOINTS,       /* period, margin, whether accelerations count, braking */
     TROCAR_CONE,  /* gain, deceleration, half angle, axis (3) */
     TROCAR_DEPTH, /* gain, deceleration, tip_depth, shallowest, deepest */
     KEEP_OUT,     /* gain, deceleration, centre (3), velocity (3), on trocar, radius with that of

@@ -23,8 +23,11 @@ class JointLimits(Limit):
 
     The velocity v of a cycle holds for T; the next may differ by a T. v is allowed if
     |v| <= velocity, |v - v_before| <= a T, and a joint that goes on at v for this cycle and
-    then brakes stops short of its position limit: |v| <= braking_speed(distance, a, T). The box
-    of a cycle that obeyed its own is never empty, for braking stays possible by construction.
+    then brakes stops short of its position limit: |v| <= braking_speed(distance, braking a, T).
+    The box of a cycle that obeyed its own is never empty, for braking stays possible by
+    construction. That it begins early, at a part of the acceleration limit, is for the other
+    joints' sake: they have to slow down along with it if the shaft is to stay on the trocar, and
+    may have to do so harder.
 
     A state that no box of ours has led to (a push, a plant that lags, a start beyond a limit)
     may ask for what cannot be. Then speed comes first, acceleration second, position third: the
@@ -36,6 +39,9 @@ class JointLimits(Limit):
         arm: whose limits they are.
         period: sampling period T [s].
         margin: kept from the position limits [rad] or [m].
+        braking: share of the acceleration limit that braking before a position limit counts on.
+            With 1 the RCM of the camera task gives way by 9 mm on the LWA3, whose joints then
+            all are at their limits; with a quarter by 0.00001 mm.
         acceleration: whether to keep the acceleration limits; without them a joint may stop
             within one cycle, and state.v is not looked at.
 
@@ -49,12 +55,15 @@ class JointLimits(Limit):
     period: float
     margin: float = 0.0
     acceleration: bool = True
+    braking: float = 0.25
 
     def __post_init__(self) -> None:
         """Check the options and the arm's limits."""
         check_positive("period", self.period, "s")
         if not 0.0 <= self.margin < np.inf:
             raise OptionError(f"margin = {self.margin} rad, it must be 0 or more, and finite")
+        if not 0.0 < self.braking <= 1.0:
+            raise OptionError(f"braking = {self.braking}, it must be above 0 and at most 1")
         arm = self.arm
         for i, joint in enumerate(arm.joints):
             lower, upper = arm.lower[i], arm.upper[i]
@@ -80,13 +89,13 @@ class JointLimits(Limit):
             lower, upper = intersect(lower, upper, state.v - T * a, state.v + T * a)
         below = state.angles - (arm.lower + self.margin)
         above = (arm.upper - self.margin) - state.angles
-        return Constraint.box(
-            *intersect(lower, upper, -braking_speed(below, a, T), braking_speed(above, a, T))
-        )
+        towards = (braking_speed(distance, self.braking * a, T) for distance in (below, above))
+        low, up = towards
+        return Constraint.box(*intersect(lower, upper, -low, up))
 
     def program(self) -> tuple[float, ...]:
         """For compiled code."""
-        return (_kernel.JOINTS, self.period, self.margin, float(self.acceleration))
+        return (_kernel.JOINTS, self.period, self.margin, float(self.acceleration), self.braking)
 
 
 def braking_speed(distance: ArrayLike, deceleration: ArrayLike, period: float) -> Array:
