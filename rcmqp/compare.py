@@ -16,16 +16,15 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
-from rcmqp.errors import RunFileError
+from rcmqp.errors import OptionError, RunFileError
 from rcmqp.files import check_writable, make_folder, unlike, whole
 from rcmqp.loading import arm_names
-from rcmqp.metrics import against_limit, compute_metrics
+from rcmqp.metrics import ROUNDING, against_limit, compute_metrics
 from rcmqp.run import Run
 from rcmqp.scenario_loading import load_scenario, own_arm
 from rcmqp.simulate import simulate
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 
-ROUNDING = 1e-9
 """By how much a limit may be missed and still count as kept."""
 
 
@@ -54,7 +53,8 @@ class Row:
     """What came of a case.
 
     Attributes:
-        limits_kept: whether no joint left its position, speed or acceleration limits.
+        limits_kept: whether no joint left its position, speed or acceleration limits; None of a
+            case that was not run.
         safe_stops: cycles that ended in the controller's safe stop.
         acceleration_ratio_max: NaN, too, on arms without acceleration limits.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
@@ -69,7 +69,7 @@ class Row:
     tip_max_mm: float = np.nan
     rcm_rms_mm: float = np.nan
     rcm_max_mm: float = np.nan
-    limits_kept: bool = False
+    limits_kept: bool | None = None
     speed_ratio_max: float = np.nan
     acceleration_ratio_max: float = np.nan
     limit_margin_min_rad: float = np.nan
@@ -154,7 +154,7 @@ def compare(
 
     The rows come in the order of the cases, and but for times they are the same whatever the
     number of jobs, the names of the files too: where a name would come twice, the second is
-    numbered. A case that cannot be run is a row that says why.
+    numbered. A case that cannot be run is a row that says why, unless none can.
 
     Args:
         todo: what to run.
@@ -165,6 +165,7 @@ def compare(
 
     Raises:
         RunFileError: the folder or a file in it cannot be written.
+        OptionError: no case could be run; tables that are there stay as they were.
     """
     folder = make_folder(out).resolve()  # workers may be elsewhere
     check_writable(folder / "comparison.csv")
@@ -176,6 +177,10 @@ def compare(
         rows.append(row)
         if progress is not None:
             progress(1)
+    if rows and all(row.failure for row in rows):
+        more = f" (nor could the {len(rows) - 1} others)" if len(rows) > 1 else ""
+        first = f"{todo[0].scenario} with {todo[0].controller}"
+        raise OptionError(f"{first} could not be run{more}: {rows[0].failure}")
     for name, text in (
         ("comparison.csv", as_csv(rows)),
         ("comparison.md", f"# Comparison\n\n{as_markdown(rows)}"),
@@ -288,6 +293,8 @@ def as_markdown(rows: Iterable[Row]) -> str:
 
 
 def _cell(value: object) -> str:
+    if value is None:
+        return ""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
-from rcmqp.metrics import Metrics, compute_metrics, readable
+from rcmqp.metrics import ROUNDING, Metrics, against_limit, compute_metrics, readable
 from rcmqp.run import Run
 from rcmqp.run_file import Recording
 
@@ -105,10 +105,15 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"the controller stopped safely in {len(cycles)} of {run.column('time').shape[0]} "
             f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
         )
-    if metrics.speed_ratio_max > 1.0:
+    if metrics.speed_ratio_max > 1.0 + ROUNDING:
         where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
         found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
-    if metrics.limit_margin_min_rad < 0.0:
+    if metrics.acceleration_ratio_max > 1.0 + ROUNDING:
+        found.append(
+            "the joints were asked for up to "
+            f"{metrics.acceleration_ratio_max:.3g} times their acceleration limits"
+        )
+    if metrics.limit_margin_min_rad < -ROUNDING:
         where = _where(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
         )
@@ -215,7 +220,8 @@ def _summary(metrics: Metrics) -> Sequence[str]:
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
         f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
         f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
-        f"margin to limits      {metrics.limit_margin_min_rad:.3f} rad at least",
+        f"acceleration / limit  {against_limit(metrics.acceleration_ratio_max, '.3f')} at most",
+        f"margin to limits      {round(metrics.limit_margin_min_rad, 3) + 0.0:.3f} rad at least",
         f"singular value        {metrics.singular_value_min:.4f} at least",
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
         f"{metrics.solve_time_p99_us:.0f} us p99, by the clock of this machine",

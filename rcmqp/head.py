@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.files import check_writable
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -130,6 +131,22 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
         RuntimeError,
     ) as error:
         raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
+
+
+def check_replaceable(path: str | os.PathLike[str]) -> None:
+    """Find out before a run, not after it, whether its file can be written.
+
+    Raises:
+        RunFileError: it cannot; or there is a file that is none of a run's.
+    """
+    check_writable(path)
+    path = Path(path)
+    if path.is_file() and path.stat().st_size:
+        with path.open("rb") as stream:
+            if stream.read(len(SIGNATURE)) != SIGNATURE:
+                raise RunFileError(
+                    path, "is there already, and is no run; give another name, or remove it first"
+                )
 
 
 def check_digest(file: h5py.File, digest: str) -> None:

@@ -18,6 +18,9 @@ from rcmqp.scene import clearance
 SATURATED = 1.0 - 1e-6
 """Share of a limit from which on a joint counts as saturated."""
 
+ROUNDING = 1e-9
+"""Excess of a limit that is none [1], [rad]."""
+
 SMALL = 1e-4
 """Below it, decimal places say too little of a number."""
 

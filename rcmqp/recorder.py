@@ -18,8 +18,8 @@ from rcmqp.controllers.base import Controller
 from rcmqp.cycles import ROW, Cycles
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError
-from rcmqp.files import check_writable, why
-from rcmqp.head import CHECKED, Head, about
+from rcmqp.files import why
+from rcmqp.head import CHECKED, Head, about, check_replaceable
 from rcmqp.run import FIXED, PART, Run, channels
 from rcmqp.scenario import Scenario
 
@@ -62,7 +62,7 @@ class Recorder:
             RunFileError: the file cannot be written.
         """
         self._path = Path(path).resolve()
-        check_writable(self._path)
+        check_replaceable(self._path)
         self._part = self._path.with_name(f".{self._path.name}.{os.getpid()}.recording")
         self._cycles = Cycles(scenario, controller, versions, block)
         self._scenario, self._size = scenario, block

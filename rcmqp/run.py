@@ -13,8 +13,8 @@ import numpy as np
 
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import ArmError, OptionError
-from rcmqp.files import check_writable, whole
-from rcmqp.head import CHECKED, Head, Rows, about, check_digest, opened
+from rcmqp.files import whole
+from rcmqp.head import CHECKED, Head, Rows, about, check_digest, check_replaceable, opened
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
 
@@ -221,7 +221,7 @@ class Run:
         """
         import h5py  # only files need it, and it takes long to import
 
-        check_writable(path)
+        check_replaceable(path)
         with whole(path) as part, h5py.File(part, "w", rdcc_nbytes=0) as file:
             self._write(file)  # no cache of chunks: HDF5 2.0 dies flushing it on a full disk
 

@@ -22,7 +22,7 @@ from rcmqp.instrument import Camera, Instrument, Trocar
 from rcmqp.loading import arm_names, load_arm
 from rcmqp.motions import MOTIONS, Motion, Still
 from rcmqp.operators import STEERED, Steered
-from rcmqp.paths import PATHS, Path, views_of
+from rcmqp.paths import PATHS, Foreign, Path, views_of
 from rcmqp.planner import Planner
 from rcmqp.plants import PLANTS, Kinematic, Plant
 from rcmqp.reference import Reference, carried, view_pose
@@ -96,7 +96,7 @@ class Scenario:
                 raise OptionError(f"{name} = {value} s, it must be positive")
         if not 0.0 <= self.shaft_tolerance < math.inf:
             raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
-        if type(self.path) not in _KINDS["path"].values():
+        if type(self.path) not in (*_KINDS["path"].values(), Foreign):
             raise OptionError(
                 f"path = {self.path!r} is of no registered kind; add its class to "
                 "rcmqp.paths.PATHS"
@@ -222,6 +222,7 @@ class Scenario:
 
         Raises:
             InsertionError: a view is deeper than the shaft is long.
+            OptionError: the path is Foreign.
         """
         planner = self.planner(insertion.x_rcm)
         if isinstance(self.path, Steered):
@@ -279,6 +280,9 @@ class Scenario:
         """The scenario as JSON; from_json() makes an equal one of it."""
         data = dataclasses.asdict(self)
         for name, kinds in _KINDS.items():
+            if isinstance(self.path, Foreign) and name == "path":
+                data[name] = {"kind": self.path.kind, **self.path.numbers}
+                continue
             kind = {cls: kind for kind, cls in kinds.items()}[type(getattr(self, name))]
             data[name] = {"kind": kind, **data[name]}
         return json.dumps(data, allow_nan=False)
@@ -287,15 +291,19 @@ class Scenario:
     def from_json(cls, text: str) -> Scenario:
         """Make a scenario of what to_json() wrote.
 
-        Fields that have a default may be missing, as they are in files of earlier versions.
+        Fields that have a default may be missing, as they are in files of earlier versions. A
+        path of an unknown kind is Foreign: it cannot be run, but what was run can be looked at.
 
         Raises:
             OptionError: the text is no scenario; the message says what is wrong with it.
-            UnknownName: its path, motion or plant is of an unknown kind.
+            UnknownName: its motion or plant is of an unknown kind.
         """
         try:
             data = json.loads(text, parse_constant=_refuse)
-            data["path"] = _of_kind("path", data["path"])
+            path = data["path"]
+            known = path["kind"] in _KINDS["path"]
+            numbers = {name: value for name, value in path.items() if name != "kind"}
+            data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
             for name in _KINDS.keys() & data.keys() - {"path"}:
                 data[name] = _of_kind(name, data[name])
             instrument = dict(data["instrument"])

@@ -12,7 +12,10 @@ from types import ModuleType
 from typing import Any
 
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.files import why
 from rcmqp.loading import arm_names
+from rcmqp.operators import STEERED
+from rcmqp.paths import PATHS, Foreign
 from rcmqp.scenario import DEFAULT_ARM, Scenario
 
 
@@ -90,7 +93,9 @@ def scenario_module(name: str) -> ModuleType:
     try:
         inspect.signature(module.scenario).bind("an arm", flange=None)
     except (AttributeError, TypeError, ValueError) as error:
-        raise OptionError(f"{name} has no function scenario(arm, *, flange=None)") from error
+        raise OptionError(
+            f"{name} has no function scenario(arm, *, flange=None), or it is called otherwise"
+        ) from error
     return module
 
 
@@ -113,6 +118,11 @@ def _default_arm(module: ModuleType) -> str:
 
 def _read(file: Path) -> Scenario:
     try:
-        return Scenario.from_json(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, OptionError) as error:
+        scenario = Scenario.from_json(file.read_text(encoding="utf-8"))
+        if isinstance(scenario.path, Foreign):
+            raise UnknownName("path", scenario.path.kind, (*PATHS, *STEERED))
+        return scenario
+    except OSError as error:
+        raise OptionError(f"cannot read the scenario {file}: {why(error)}") from error
+    except (UnicodeDecodeError, OptionError) as error:
         raise OptionError(f"cannot read the scenario {file}: {error}") from error

@@ -14,8 +14,18 @@ from typing import Any, TypeAlias
 
 import pytest
 
-from rcmqp import Run, arm_names, compute_metrics, load_arm, load_scenario, scenario_names
+from rcmqp import (
+    Run,
+    arm_names,
+    compute_metrics,
+    load_arm,
+    load_scenario,
+    make_controller,
+    scenario_names,
+    simulate,
+)
 from rcmqp.cli import main
+from rcmqp.console import _summary, warnings
 from rcmqp.controllers import CONTROLLERS, controller_options
 
 Call: TypeAlias = Callable[..., tuple[int, str, str]]
@@ -263,7 +273,24 @@ def test_a_broken_limit_is_said_on_stderr(call: Call) -> None:
     assert call(*SHORT)[2] == ""
     hasty = ("--set", "objective=joint_centring", "--set", "K_c=1000")
     assert re.search(r"warning: \w+ at 0\.\d+ s was asked for \S+ times", call(*SHORT, *hasty)[2])
-    assert call(*SHORT, *hasty, "--set", "velocity_limit=scale")[2] == ""
+    found = call(*SHORT, *hasty, "--set", "velocity_limit=scale")[2]
+    assert "speed limit" not in found
+    assert re.search(r"warning: the joints were asked for up to 2\d.\d times their acc", found)
+
+
+def test_a_limit_reached_to_rounding_is_no_warning() -> None:
+    scenario = load_scenario("circle", "panda", duration=0.05)
+    run = simulate(
+        scenario, make_controller("dual_quaternion", scenario.insertion(), scenario.period)
+    )
+    metrics = dataclasses.replace(
+        compute_metrics(run),
+        limit_margin_min_rad=-1e-15,
+        speed_ratio_max=1.0 + 1e-15,
+        acceleration_ratio_max=1.0 + 1e-12,
+    )
+    assert warnings(run, metrics) == []
+    assert "-0.000" not in "".join(_summary(metrics))
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -353,3 +380,16 @@ def test_an_option_that_only_python_can_give_says_so(call: Call) -> None:
     code, _, err = call(*SHORT, "-c", "hierarchical_qp", "--set", "levels=rcm")
     assert code != 0
     assert "only from Python" in err
+
+
+def test_options_that_would_do_nothing_are_refused(call: Call, tmp_path: Path) -> None:
+    for arguments, word in (
+        (("run", "circle", "--arm", ""), "unknown arm ''"),
+        ((*SHORT, "--set", "gain=50", "--set", "gain=40"), "gain is given twice"),
+        (("reproduce", "-e", "b", "--duration", "3"), "--duration is not for experiment b"),
+        (("reproduce", "--operators", "3"), "--operators is not for experiment a"),
+        ((*SHORT, "-c", "hierarchical_qp", "--period", "0.03"), "limit_gain * period = 60.0 1/s"),
+    ):
+        code, _, err = call(*arguments)
+        assert code == 1
+        assert word in err

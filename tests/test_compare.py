@@ -17,7 +17,7 @@ from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
 from rcmqp.compare import TIMES, Case, Row, as_markdown, cases, compare, row_of
 from rcmqp.controllers import controller_options
-from rcmqp.errors import RunFileError
+from rcmqp.errors import OptionError, RunFileError
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 
 CASES = cases(
@@ -91,11 +91,19 @@ def test_every_file_is_written_and_holds_the_rows(tmp_path: Path) -> None:
 
 def test_what_cannot_be_run_is_a_row_that_says_why(tmp_path: Path) -> None:
     todo = cases(["conical_helix"], ["lwa4"], ["dual_quaternion"])
-    row, other = compare([*todo, Case("conical_helx", None, "dual_quaternion")], tmp_path)
+    good = Case("conical_helix", None, "dual_quaternion", {"duration": 0.02})
+    todo.append(Case("conical_helx", None, "dual_quaternion"))
+    row, other, made = compare([*todo, good], tmp_path)
+    assert made.limits_kept
+    assert row.limits_kept is None
     assert "did you mean lwa3" in row.failure
     assert "did you mean conical_helix" in other.failure
     assert math.isnan(row.rcm_max_mm)
     assert "did you mean lwa3" in as_markdown([row])
+    before = (tmp_path / "comparison.csv").read_bytes()
+    with pytest.raises(OptionError, match=r"\(nor could the 1 others\): .* did you mean lwa3"):
+        compare(todo, tmp_path)
+    assert (tmp_path / "comparison.csv").read_bytes() == before
 
 
 @pytest.mark.usefixtures("no_figures")

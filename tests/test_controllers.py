@@ -21,12 +21,15 @@ from rcmqp import (
     arm_names,
     load_scenario,
     make_controller,
+    simulate,
     view_pose,
 )
-from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.controllers import CONTROLLERS, DualQuaternion, controller_options
 from rcmqp.dualquaternion import Array, from_se3
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.paths import ConicalHelix
+from rcmqp.report.groups import groups_of
+from rcmqp.report.remake import remake_text
 
 PERIOD = 8e-3
 
@@ -221,3 +224,24 @@ def test_an_unknown_option_is_answered_with_the_nearest(name: str) -> None:
 def test_an_unknown_controller_is_answered_with_the_nearest() -> None:
     with pytest.raises(UnknownName, match="'dual_quaternions'; did you mean dual_quaternion"):
         make_controller("dual-quaternions", inserted("lwa3"), PERIOD)
+
+
+def test_a_class_that_gives_no_name_goes_by_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its runs must not pass for those of the controller that it derives from."""
+
+    @dataclasses.dataclass(frozen=True, eq=False)
+    class HalfGain(DualQuaternion):
+        gain: float = 30.0
+
+    assert HalfGain.name == "half_gain"
+    assert {kind.name for kind in CONTROLLERS.values()} == set(CONTROLLERS)
+    monkeypatch.setitem(CONTROLLERS, "half_gain", HalfGain)
+    scenario = load_scenario("circle", "panda", duration=0.01)
+    insertion = scenario.insertion()
+    run = simulate(scenario, make_controller("half-gain", insertion, scenario.period))
+    assert run.controller == "half_gain"
+    (group,) = groups_of([run], ["run.h5"])
+    assert "is not one of rcmqp's" in remake_text([group], "")
+    monkeypatch.setitem(CONTROLLERS, "half", HalfGain)
+    with pytest.raises(OptionError, match="in CONTROLLERS as 'half', .* would say 'half_gain'"):
+        make_controller("half", insertion, scenario.period)

@@ -16,11 +16,13 @@ from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.arm import ArmState
 from rcmqp.controllers import Command, Controller
 from rcmqp.errors import OptionError, RunFileError
+from rcmqp.head import SIGNATURE
 from rcmqp.recorder import Recorder
 from rcmqp.reference import Reference
 from rcmqp.scenario import Scenario
 from rcmqp.simulate import versions
 
+EARLIER = SIGNATURE + b"earlier"
 Row = tuple[Mapping[str, float], dict[str, Any]]
 
 
@@ -169,11 +171,11 @@ def test_a_run_that_fails_leaves_the_folder_as_it_was(
         yield from rows[:30]
         raise failure
 
-    (tmp_path / "run.h5").write_text("earlier")
+    (tmp_path / "run.h5").write_bytes(EARLIER)
     with pytest.raises(type(failure)):
         record(recorder(), until_failure())
     assert [path.name for path in tmp_path.iterdir()] == ["run.h5"]
-    assert (tmp_path / "run.h5").read_text() == "earlier"
+    assert (tmp_path / "run.h5").read_bytes() == EARLIER
 
 
 def test_a_run_that_ends_early_is_recorded_as_far_as_it_goes(

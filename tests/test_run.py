@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -13,9 +14,18 @@ import h5py
 import numpy as np
 import pytest
 
-from rcmqp import Run, arm_names, load_scenario, make_controller, simulate
-from rcmqp.errors import RunFileError
+from rcmqp import (
+    Run,
+    ViewCommand,
+    arm_names,
+    compute_metrics,
+    load_scenario,
+    make_controller,
+    simulate,
+)
+from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_writable
+from rcmqp.paths import PATHS, Foreign
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [
@@ -223,12 +233,44 @@ def test_a_missing_or_spoilt_attribute_is_noticed(
         Run.load(saved)
 
 
-def test_a_path_of_an_unknown_kind_is_a_damaged_file(saved: Path) -> None:
-    with h5py.File(saved, "r+") as file:
-        text = file.attrs["scenario"]
-        file.attrs["scenario"] = text.replace('"kind": "conical_helix"', '"kind": "spiral"')
-    with pytest.raises(RunFileError, match="spiral"):
-        Run.load(saved)
+@dataclasses.dataclass(frozen=True)
+class Nod:
+    """Somebody's own path, up and down."""
+
+    duration: float = 0.05
+    ways: tuple[float, ...] = (0.1, -0.1)
+
+    def command(self, t: float, tip_depth: float) -> ViewCommand:
+        return ViewCommand(beta=self.ways[0] * math.sin(t))
+
+
+def test_a_run_along_a_path_that_is_not_known_here_can_be_looked_at_and_not_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as where_it_was_made:
+        where_it_was_made.setitem(PATHS, "nod", Nod)
+        scenario = load_scenario("view_steps", "panda", path=Nod(), duration=0.05)
+        made = make_controller("dual_quaternion", scenario.insertion(), scenario.period)
+        simulate(scenario, made).save(tmp_path / "run.h5")
+    found = Run.load(tmp_path / "run.h5")
+    assert isinstance(found.scenario.path, Foreign)
+    assert found.scenario.path.duration == 0.05
+    found.save(tmp_path / "again.h5")
+    assert Run.load(tmp_path / "again.h5").digest == found.digest
+    assert compute_metrics(found).rcm_max_mm < 1e-3
+    with pytest.raises(OptionError, match="does not know the path 'nod'"):
+        simulate(found.scenario, made)
+    (tmp_path / "scenario.json").write_text(found.scenario.to_json())
+    with pytest.raises(UnknownName, match=r"path 'nod' \(known: camera_trial, circle"):
+        load_scenario(str(tmp_path / "scenario.json"))
+
+
+def test_a_file_that_is_no_run_is_not_written_over(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "notes.py"
+    file.write_text("print()")
+    with pytest.raises(RunFileError, match="is there already, and is no run"):
+        run.save(file)
+    assert file.read_text() == "print()"
 
 
 # What cannot be written --------------------------------------------------------------------

@@ -17,8 +17,11 @@ from rcmqp.controllers import Controller
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import RunFileError
 from rcmqp.extent import Extent, percentile
+from rcmqp.head import SIGNATURE
 from rcmqp.run_file import RunFile
 from rcmqp.simulate import record
+
+EARLIER = SIGNATURE + b"earlier"
 
 
 def made(scenario: Scenario) -> Controller:
@@ -144,7 +147,7 @@ def test_a_killed_recording_keeps_the_earlier_file_and_the_next_one_sweeps_up(
         "record(s, c, sys.argv[1], lambda done: print(done, flush=True))\n"
     )
     path = tmp_path / "run.h5"
-    path.write_text("earlier")
+    path.write_bytes(EARLIER)
     with subprocess.Popen(
         [sys.executable, "-c", program, path], stdout=subprocess.PIPE, text=True
     ) as process:
@@ -152,7 +155,7 @@ def test_a_killed_recording_keeps_the_earlier_file_and_the_next_one_sweeps_up(
         process.stdout.readline()
         process.kill()
     (left,) = tmp_path.glob(".run.h5.*")
-    assert path.read_text() == "earlier"
+    assert path.read_bytes() == EARLIER
     scenario = load_scenario("conical_helix", "ur5", duration=0.01)
     others = tmp_path / f".run.h5.{os.getpid()}0.txt"
     others.touch()

@@ -492,10 +492,14 @@ def test_a_field_that_does_not_exist_is_refused(helix: Scenario) -> None:
             Scenario.from_json(json.dumps(with_value(data, (*place, "colour"), "blue")))
 
 
-def test_an_unknown_kind_of_path_is_answered_with_the_nearest(helix: Scenario) -> None:
+def test_an_unknown_kind_of_path_is_answered_with_the_nearest(
+    helix: Scenario, tmp_path: Path
+) -> None:
     text = helix.to_json().replace('"kind": "conical_helix"', '"kind": "conical_helx"')
+    file = tmp_path / "scenario.json"
+    file.write_text(text)
     with pytest.raises(UnknownName, match="path 'conical_helx'; did you mean conical_helix"):
-        Scenario.from_json(text)
+        load_scenario(str(file))
 
 
 @pytest.mark.parametrize(

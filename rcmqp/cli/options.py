@@ -15,7 +15,8 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and 
 FlangeOption = Annotated[
     str | None, typer.Option(help="With a URDF: the frame that carries the instrument.")
 ]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Processes; -1 for every core.")]
+JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
+Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
 
 
@@ -35,6 +36,8 @@ def options_of(controller: str, settings: Sequence[str]) -> dict[str, Any]:
             raise OptionError(f"--set {setting}: {option} of {name} can be given only from Python")
         if option not in defaults:
             raise UnknownName(f"option of {name}", option, defaults)
+        if option in options:
+            raise OptionError(f"--set {setting}: {option} is given twice")
         options[option] = _value(option, text, type(defaults[option]))
     return options
 

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from rcmqp import console
-from rcmqp.cli.options import AsJson, Jobs
-from rcmqp.cli.study import Operators, Seed, reproduce_b
+from rcmqp.cli.options import JOBS, AsJson
+from rcmqp.cli.study import OPERATORS, SEED, reproduce_b
 from rcmqp.console import out
-from rcmqp.errors import UnknownName
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.metrics import compute_metrics
 
 
@@ -23,9 +23,9 @@ def reproduce(
     duration: Annotated[
         float | None, typer.Option(help="Only the first seconds of the helix, for a quick look.")
     ] = None,
-    operators: Operators = 20,
-    seed: Seed = 0,
-    jobs: Jobs = 1,
+    operators: Annotated[int | None, OPERATORS] = None,
+    seed: Annotated[int | None, SEED] = None,
+    jobs: Annotated[int | None, JOBS] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the paper's experiments: runs, figures, table beside the paper's, report.
@@ -38,11 +38,17 @@ def reproduce(
     Experiment B: simulated operators steer the endoscope of a Schunk LWA3 to four views, at 8 ms;
     --operators, --seed and --jobs are for it.
     """
-    if experiment.lower() == "b":
-        reproduce_b(folder, operators, seed, jobs, as_json)
-        return
-    if experiment.lower() != "a":
+    if experiment.lower() not in ("a", "b"):
         raise UnknownName("experiment", experiment, ("a", "b"))
+    of_b = {"--operators": operators, "--seed": seed, "--jobs": jobs}
+    idle = of_b if experiment.lower() == "a" else {"--duration": duration}
+    for option, value in idle.items():
+        if value is not None:
+            raise OptionError(f"{option} is not for experiment {experiment.lower()}")
+    if experiment.lower() == "b":
+        people = 20 if operators is None else operators
+        reproduce_b(folder, people, seed or 0, 1 if jobs is None else jobs, as_json)
+        return
     from rcmqp.reproduce import reproduce_a
 
     with console.bar(quiet=as_json) as advance:

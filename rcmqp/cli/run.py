@@ -11,8 +11,10 @@ from rcmqp import console
 from rcmqp.cli.options import AsJson, FlangeOption, options_of
 from rcmqp.console import out
 from rcmqp.controllers import make_controller
-from rcmqp.errors import OptionError
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
+from rcmqp.head import check_replaceable
+from rcmqp.loading import arm_names
 from rcmqp.run import Run
 from rcmqp.run_file import RunFile
 from rcmqp.scenario_loading import load_scenario
@@ -68,6 +70,8 @@ def run(
 
       rcmqp run conical_helix --arm my_robot.urdf --flange tool0
     """
+    if arm == "":
+        raise UnknownName("arm", arm, arm_names())
     options = options_of(controller, settings or [])
     if gain is not None:
         if "gain" in options:
@@ -79,7 +83,7 @@ def run(
     )
     made = make_controller(controller, chosen.insertion(), chosen.period, **options)
     if file is not None:
-        check_writable(file)
+        check_replaceable(file)
     with console.bar(quiet=as_json) as advance:
 
         def progress(done: int) -> None:

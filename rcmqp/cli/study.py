@@ -12,8 +12,10 @@ from rcmqp.cli.options import FlangeOption, Jobs
 from rcmqp.console import out
 from rcmqp.errors import OptionError
 
-Operators = Annotated[int, typer.Option(help="How many simulated people; novices take turns.")]
-Seed = Annotated[int, typer.Option(help="Of everything random.")]
+OPERATORS = typer.Option(help="How many simulated people, 20 without it; novices take turns.")
+SEED = typer.Option(help="Of everything random; 0 without it.")
+Operators = Annotated[int, OPERATORS]
+Seed = Annotated[int, SEED]
 
 
 def study(

@@ -1,7 +1,7 @@
 """Controllers: from where the arm is and where it should be to a joint velocity.
 
-A new controller is a dataclass derived from Controller, added to CONTROLLERS; its fields, but
-the first two, are its options, on the command line too.
+A new controller is a dataclass derived from Controller, added to CONTROLLERS under its name; its
+fields, but the first two, are its options, on the command line too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rcmqp.controllers.pose_error import PoseError
 from rcmqp.controllers.task_priority import TaskPriority
 from rcmqp.controllers.vfi_qp import VfiQP
 from rcmqp.controllers.weighted_qp import WeightedQP
-from rcmqp.errors import UnknownName
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.insertion import Insertion
 
 CONTROLLERS: dict[str, type[Controller]] = {
@@ -44,7 +44,7 @@ def make_controller(name: str, insertion: Insertion, period: float, **options: A
 
     Raises:
         UnknownName: there is no such controller, or it has no such option.
-        OptionError: an option's value is not allowed.
+        OptionError: an option's value is not allowed, or the class goes by another name.
     """
     name = name.replace("-", "_")
     if name not in CONTROLLERS:
@@ -53,7 +53,13 @@ def make_controller(name: str, insertion: Insertion, period: float, **options: A
     for option in options:
         if option not in known:
             raise UnknownName(f"option of {name}", option, known)
-    return CONTROLLERS[name](insertion, period, **options)
+    kind = CONTROLLERS[name]
+    if kind.name != name:
+        raise OptionError(
+            f"{kind.__name__} is in CONTROLLERS as {name!r}, and its runs would say "
+            f"{kind.name!r}; add it under that name, or give it name = {name!r}"
+        )
+    return kind(insertion, period, **options)
 
 
 def controller_options(name: str) -> dict[str, Any]:

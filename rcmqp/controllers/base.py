@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
@@ -63,7 +64,7 @@ class Controller(abc.ABC):
     A derived class gives the law, in _step(), and need not look after any of this.
 
     Attributes:
-        name: in CONTROLLERS.
+        name: in CONTROLLERS; a class that gives none has its own, MyLaw that of my_law.
         diagnostics: unit and meaning of each number that a Command's diagnostics hold.
         insertion: what is controlled.
         period: sampling period T [s].
@@ -74,6 +75,12 @@ class Controller(abc.ABC):
 
     insertion: Insertion
     period: float
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """No class goes by the name of the one that it derives from."""
+        super().__init_subclass__(**options)
+        if "name" not in vars(cls):
+            cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
 
     def __post_init__(self) -> None:
         """Check the period, and that each option is of its default's kind.

@@ -33,6 +33,19 @@ def check_gain(name: str, gain: float, period: float) -> None:
         )
 
 
+def check_limit_gain(gain: float, period: float) -> None:
+    """Refuse a gain [1/s] with which a limit would be overrun within a sampling period [s].
+
+    Raises:
+        OptionError: with the numbers.
+    """
+    if not 0.0 < gain * period < 1.0:
+        raise OptionError(
+            f"limit_gain * period = {gain} 1/s * {period} s = {gain * period:.3g}; limits are "
+            "kept only inside (0, 1): give a lower limit_gain, or sample faster"
+        )
+
+
 def check_not_negative(name: str, value: float) -> None:
     """Refuse what is not a finite number of at least 0.
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_not_negative
+from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
 from rcmqp.controllers.program import LevelOfTasks, Program
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
@@ -100,7 +100,7 @@ class HierarchicalQP(Controller):
         """
         super().__post_init__()
         check_gain("gain", self.gain, self.period)
-        check_gain("limit_gain", 2.0 * self.limit_gain, self.period)
+        check_limit_gain(self.limit_gain, self.period)
         check_not_negative("K_c", self.K_c)
         levels, limits = self.levels, self.limits
         if levels is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_not_negative
+from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
 from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.limits import Limit, combine
 from rcmqp.qp import QP, QPSolver, Status, get_solver
@@ -66,7 +66,7 @@ class WeightedQP(Controller):
         """
         super().__post_init__()
         check_gain("gain", self.gain, self.period)
-        check_gain("limit_gain", 2.0 * self.limit_gain, self.period)
+        check_limit_gain(self.limit_gain, self.period)
         check_not_negative("damping", self.damping)
         check_not_negative("objective_weight", self.objective_weight)
         insertion, gain = self.insertion, self.gain

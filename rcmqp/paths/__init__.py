@@ -16,6 +16,7 @@ from rcmqp.dualquaternion import Array
 from rcmqp.paths.circle import Circle
 from rcmqp.paths.conical_helix import ConicalHelix
 from rcmqp.paths.drawn import Drawn
+from rcmqp.paths.foreign import Foreign
 from rcmqp.paths.hand_trace import HandTrace
 from rcmqp.paths.lissajous import Lissajous
 from rcmqp.paths.view_moves import ViewMoves
@@ -58,6 +59,7 @@ __all__ = [
     "PATHS",
     "Circle",
     "ConicalHelix",
+    "Foreign",
     "HandTrace",
     "Lissajous",
     "Path",

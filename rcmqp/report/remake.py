@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Sequence
 
 from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.paths import Foreign
 from rcmqp.report.groups import Group
 from rcmqp.run import Run
 from rcmqp.viewer.table import versions_text
@@ -22,8 +23,11 @@ def run_command(run: Run, scenario: str, file: str) -> str:
         scenario: JSON file of its scenario, whose period and seed may be others.
         file: to write the run to.
     """
-    if run.controller not in CONTROLLERS:
+    kind = CONTROLLERS.get(run.controller)
+    if kind is None or not kind.__module__.startswith("rcmqp."):
         return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
+    if isinstance(run.scenario.path, Foreign):
+        return f"# {file}: its path {run.scenario.path.kind!r} is not one of rcmqp's"
     defaults = controller_options(run.controller)
     changed = {name: x for name, x in run.options.items() if x != defaults.get(name)}
     if any(not isinstance(value, bool | int | float | str) for value in changed.values()):

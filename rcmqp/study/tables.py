@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rcmqp.compare import ROUNDING
+from rcmqp.metrics import ROUNDING
 from rcmqp.operators import GROUPS, PARAMETERS, CameraTrial
 from rcmqp.study.comparisons import comparison_table, conditions, row, side_by_side, title
 from rcmqp.study.outcome import Outcome
