@@ -243,5 +243,5 @@ def test_a_class_that_gives_no_name_goes_by_its_own(monkeypatch: pytest.MonkeyPa
     (group,) = groups_of([run], ["run.h5"])
     assert "is not one of rcmqp's" in remake_text([group], "")
     monkeypatch.setitem(CONTROLLERS, "half", HalfGain)
-    with pytest.raises(OptionError, match="in CONTROLLERS as 'half', .* would say 'half_gain'"):
+    with pytest.raises(OptionError, match=r"in CONTROLLERS as 'half', .* would say 'half_gain'"):
         make_controller("half", insertion, scenario.period)
