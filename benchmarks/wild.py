@@ -1,7 +1,7 @@
 """How far the shaft comes off the trocar when views change wildly, on every arm.
 
-Four views drawn at random, each 0.4 s after the other, too fast for the arms: joints run into their
-speed, acceleration and position limits. Prints a line an arm: runs, largest RCM error.
+Four views drawn at random, each 0.4 s after the other, too fast for the arms: joints run into
+their speed, acceleration and position limits. Prints a line an arm: runs, largest RCM error.
 
     python benchmarks/wild.py --runs 368
 """
