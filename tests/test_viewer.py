@@ -121,6 +121,8 @@ def test_runs_are_told_apart_by_what_differs(run: Run) -> None:
     assert run_labels([run]) == ["dual_quaternion"]
     assert run_labels([run, other])[1] == "dual_quaternion, gain = 30.0"
     assert run_labels([run, helix(period=0.008)])[1] == "dual_quaternion, T = 8 ms"
+    other = dataclasses.replace(helix(period=0.008), controller="damped")
+    assert run_labels([run, other])[1] == "damped, T = 8 ms"
     seeded = dataclasses.replace(run, scenario=dataclasses.replace(run.scenario, seed=7))
     assert run_labels([run, seeded]) == ["dual_quaternion, seed = 0", "dual_quaternion, seed = 7"]
     assert len(set(run_labels([run, run, run]))) == 3

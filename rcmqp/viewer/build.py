@@ -131,14 +131,18 @@ def grouped(runs: Sequence[Run]) -> list[list[Run]]:
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:
-    """What tells the runs apart: the controller, and where it is the same, what else differs."""
+    """What tells the runs apart.
+
+    The controller; period and seed, where they are not all the same; and what else differs
+    between runs of one controller.
+    """
     labels = []
     for run in runs:
         alike = [other for other in runs if other.controller == run.controller]
         marks = [run.controller]
-        if any(other.period != run.period for other in alike):
+        if any(other.period != run.period for other in runs):
             marks.append(f"T = {1e3 * run.period:g} ms")
-        if any(other.scenario.seed != run.scenario.seed for other in alike):
+        if any(other.scenario.seed != run.scenario.seed for other in runs):
             marks.append(f"seed = {run.scenario.seed}")
         marks += [
             f"{name} = {value}"
