@@ -96,10 +96,15 @@ def error_figure(
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
     """Write a figure as PNG and as PDF, and return both paths.
 
+    Args:
+        figure: to write.
+        path: of both files, without their endings; it may have dots of its own.
+
     Raises:
         RunFileError: a file cannot be written.
     """
-    paths = [Path(path).with_suffix(suffix) for suffix in (".png", ".pdf")]
+    stem = Path(path)
+    paths = [stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".pdf")]
     for target in paths:
         about = {"CreationDate": None} if target.suffix == ".pdf" else {}
         with whole(target) as part:

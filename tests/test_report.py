@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rcmqp import Run, load_scenario, make_controller, simulate
+from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
 from rcmqp.metrics import compute_metrics
@@ -24,17 +24,26 @@ FILES = ("paper.h5", "qp.h5", "slow.h5", "other.h5")
 
 
 @pytest.fixture(scope="module")
-def runs() -> list[Run]:
-    """Three that go together, with an option and a period of their own, and one on another arm."""
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
+    """Three that go together, with an option and a period of their own, and one on another arm.
+
+    That arm is a URDF with a dot in its name.
+    """
+    urdf, own = load_arm("ur5").urdf, tmp_path_factory.mktemp("arm") / "ur5.v2.urdf"
+    assert urdf is not None
+    own.write_text(urdf.read_text())
     cases: tuple[tuple[str, str, float, dict[str, Any]], ...] = (
         ("lwa3", "dual_quaternion", 0.01, {"feed_forward": True, "gain": 12.5}),
         ("lwa3", "hierarchical_qp", 0.01, {}),
         ("lwa3", "dual_quaternion", 0.02, {"objective": ""}),
-        ("meka_a2", "dual_quaternion", 0.01, {}),
+        (str(own), "dual_quaternion", 0.01, {}),
     )
     found = []
     for arm, name, period, options in cases:
-        scenario = load_scenario("conical_helix", arm, period=period, duration=0.3, seed=5)
+        flange = "tool0" if arm == str(own) else None
+        scenario = load_scenario(
+            "conical_helix", arm, flange=flange, period=period, duration=0.3, seed=5
+        )
         controller = make_controller(name, scenario.insertion(), period, **options)
         found.append(simulate(scenario, controller))
     return found
