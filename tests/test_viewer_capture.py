@@ -11,9 +11,10 @@ import pytest
 
 from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main as command_line
-from rcmqp.errors import RunFileError, ViewError
+from rcmqp.errors import OptionError, RunFileError, ViewError
 from rcmqp.viewer import browser
 from rcmqp.viewer.browser import ffmpeg_path, opened
+from rcmqp.viewer.build import write_page
 from rcmqp.viewer.capture import snapshot, video
 
 if TYPE_CHECKING:
@@ -32,6 +33,13 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("runs") / "run.h5"
     simulate(scenario, controller).save(path)
     return path
+
+
+def test_a_page_takes_no_runs_place(file: Path) -> None:
+    before = file.read_bytes()
+    with pytest.raises(OptionError, match=r"run\.h5: give .* ends in \.html or \.htm"):
+        write_page([Run.load(file)], file)
+    assert file.read_bytes() == before
 
 
 @pytest.mark.parametrize("camera", ["scene", "endoscope"])
