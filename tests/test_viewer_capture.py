@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -129,3 +130,19 @@ def test_what_a_failing_ffmpeg_says_is_said_and_nothing_is_left(
     with pytest.raises(RunFileError, match=r"x\.mp4: ffmpeg could not write it: no such codec"):
         video([Run.load(file)], tmp_path / "x.mp4", size=(64, 64))
     assert [path.name for path in tmp_path.iterdir()] == ["bin"]
+
+
+def test_ctrl_c_ends_with_one_word_and_leaves_nothing(file: Path, tmp_path: Path) -> None:
+    """A terminal tells every process that it started, the browser's too: so does this ffmpeg."""
+    (tmp_path / "bin").mkdir()
+    path = program(tmp_path / "bin", "ffmpeg", "head -c 1 >/dev/null; kill -INT 0")
+    command = [sys.executable, "-m", "rcmqp", "video", str(file), "--size", "64x64"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "x.mp4")],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PATH": path, "TMPDIR": str(tmp_path)},
+        start_new_session=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+    assert [each.name for each in tmp_path.iterdir()] == ["bin"]
