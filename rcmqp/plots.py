@@ -160,14 +160,19 @@ def _from_trocar(run: Run, points: Array) -> Array:
 
 def _wrapped(label: str) -> str:
     """In lines short enough for half a figure."""
-    return textwrap.fill(label, WIDE)
+    return _literal(textwrap.fill(label, WIDE))
+
+
+def _literal(text: str) -> str:
+    """Text in which a dollar is no mathematics."""
+    return text.replace("$", r"\$")
 
 
 def _marks(run: Run) -> dict[str, str]:
     """What a run is told apart by."""
     return {
-        "arm": arm_title(run.scenario.arm),
-        "controller": run.controller,
+        "arm": _literal(arm_title(run.scenario.arm)),
+        "controller": _literal(run.controller),
         "period": f"T = {1e3 * run.period:g} ms",
     }
 

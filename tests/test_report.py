@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import dataclasses
 import errno
+import html
 import re
 import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
+from markdown_it import MarkdownIt
 
 from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
@@ -103,6 +105,46 @@ def test_each_command_makes_its_run_again_to_the_bit(
         with pytest.raises(SystemExit):
             main([*command[1:-1], str(tmp_path / command[-1])])
         assert Run.load(tmp_path / command[-1]).digest == run.digest
+
+
+def test_names_are_text_wherever_they_stand(runs: list[Run], tmp_path: Path) -> None:
+    name = "![i](http://evil.example/x.png) [click](http://evil.example) *b* _c_ d_e | <http://evil.example>`"
+    law, option = r"</td><img src=x> $\frac$ ![i](y.png)", "`\n![i](z.png)"
+    fence = {"objective": "\n```\n![i](w.png)"}
+    scenario = dataclasses.replace(runs[0].scenario, name=name)
+    named = [
+        dataclasses.replace(
+            runs[0],
+            scenario=scenario,
+            controller=controller,
+            options=options,
+            versions={"![i](v.png)": "1"},
+        )
+        for controller, options in (
+            (law, {option: [1]}),
+            (law, {option: [2]}),
+            ("dual_quaternion", {option: [3]}),
+            ("dual_quaternion", fence),
+        )
+    ]
+    write_report(named, tmp_path, files=FILES)
+    page = (tmp_path / "index.html").read_text()
+    linked = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert {re.sub(r"^(view|trajectories|errors)_.*_lwa3", "", each) for each in linked} == {
+        *("data:,", ".html", ".png", ".pdf", "report.csv")
+    }
+    assert not re.search("<(em|i|b)>", page)
+    shown = html.unescape(re.sub("<[^>]*>", "", page))
+    title = f"{name} on Schunk LWA3"
+    assert shown.count(title) == 2  # the section's title, and the list of versions
+    assert shown.count(name) == 2 + 2 + 4  # the page's own title, twice; the table
+    assert f"{title}: 0.3 s, sampled every 10 ms; seed 5; ![i](v.png) 1" in shown
+    for label in (f"{law}, {option} = [1]", f"{law}, {option} = [2]"):
+        assert shown.count(" ".join(label.split())) == 2  # below the trajectories; the table
+    assert f"# slow.h5: made in Python, its {option!r} were given there" in shown
+    assert f"objective={fence['objective']}' --out other.h5" in shown
+    written = MarkdownIt().render((tmp_path / "report.md").read_text())
+    assert html.unescape(written).startswith(f"<h1>{name}: 4 runs</h1>")
 
 
 def test_a_run_that_no_command_makes_is_said_to_be_one(runs: list[Run], tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 
 from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.markdown import literal
 from rcmqp.report.groups import Group
 from rcmqp.run import Run
 from rcmqp.viewer.table import versions_text
@@ -27,7 +29,8 @@ def run_command(run: Run, scenario: str, file: str) -> str:
     defaults = controller_options(run.controller)
     changed = {name: x for name, x in run.options.items() if x != defaults.get(name)}
     if any(not isinstance(value, bool | int | float | str) for value in changed.values()):
-        return f"# {file}: made in Python, its {' and '.join(changed)} were given there"
+        given = " and ".join(map(repr, changed))
+        return f"# {file}: made in Python, its {given} were given there"
     words = ["rcmqp", "run", scenario, "--controller", run.controller]
     words += ["--period", repr(run.period), "--seed", str(run.scenario.seed)]
     for name, value in changed.items():
@@ -43,7 +46,7 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
         command: that makes the report, and its runs where it can.
     """
     runs = [pair for group in groups for pair in _commands(group)]
-    made = [f"- {group.title}: {versions_text(group.runs)}" for group in groups]
+    made = [f"- {literal(f'{group.title}: {versions_text(group.runs)}')}" for group in groups]
     return "\n".join(
         [
             *_code([command]),
@@ -59,7 +62,9 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
 
 
 def _code(lines: Sequence[str]) -> list[str]:
-    return ["```sh", *lines, "```", ""]
+    inside = max(map(len, re.findall("`*", "\n".join(lines))))
+    fence = "`" * max(3, inside + 1)
+    return [f"{fence}sh", *lines, fence, ""]
 
 
 def _commands(group: Group) -> list[str]:
