@@ -80,6 +80,7 @@ def error_figure(
                 color=colour(i),
                 linestyle=dash(i),
                 linewidth=1.4,
+                marker="" if run.time.size > 1 else ".",  # a line needs two
             )
         _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])
     axes[0].set_title(title, fontsize=10)

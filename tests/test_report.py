@@ -11,10 +11,11 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from markdown_it import MarkdownIt
 
-from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
+from rcmqp import Run, load_arm, load_scenario, make_controller, plots, simulate
 from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
 from rcmqp.metrics import compute_metrics
@@ -151,6 +152,30 @@ def test_a_run_that_no_command_makes_is_said_to_be_one(runs: list[Run], tmp_path
     strange = dataclasses.replace(runs[0], controller="mine")
     write_report([strange], tmp_path, files=["a.h5"])
     assert "# a.h5: its controller 'mine' is not one" in (tmp_path / "report.md").read_text()
+
+
+def test_runs_of_one_and_of_two_rows_have_a_report(runs: list[Run], tmp_path: Path) -> None:
+    """Such as a recording that was interrupted at once."""
+    short = [
+        runs[0].with_rows({name: rows[:n] for name, rows in runs[0].rows().items()}, {}, {})
+        for n in (1, 2)
+    ]
+    write_report(short, tmp_path, files=FILES[:2])
+    rows = list(csv.DictReader((tmp_path / "report.csv").read_text().splitlines()))
+    assert [(row["sparc"], row["ldlj"]) for row in rows] == [("nan", "nan")] * 2
+    assert [row["tip_rms_mm"] for row in rows] == [
+        str(compute_metrics(run).tip_rms_mm) for run in short
+    ]
+    (group,) = groups_of(short, FILES[:2])
+    _, errors = (picture.figure for picture in pictures(group))
+    for axes, name in zip(errors.axes, ("tip_error", "rcm_error"), strict=True):
+        low, high = axes.get_ylim()
+        for line, run in zip(axes.get_lines(), short, strict=True):
+            there = np.maximum(1e3 * getattr(run, name), plots.FLOOR_MM)
+            assert np.array_equal(line.get_ydata(), there)
+            assert (line.get_marker() == "") == (run is short[1])
+            assert (low <= there).all()
+            assert (there <= high).all()
 
 
 def test_what_goes_wrong_leaves_the_folder_as_it_was(
