@@ -188,6 +188,21 @@ def test_view_says_where_no_browser_is(
     assert ("no browser here" in err) == (option == "--open" and not opens)
 
 
+def test_view_is_dark_where_it_is_to_be(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rcmqp.viewer.build.page", lambda _, dark: "dark" if dark else "light")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    file, page = str(tmp_path / "run.h5"), tmp_path / "run.html"
+    call(*SHORT, "--out", file)
+    for options, theme in (((), "light"), (("--dark",), "dark")):
+        call("view", file, "--html", str(page), "--no-open", *options)
+        out = call("view", file, "--no-open", *options)[1]
+        temporary = Path(out.removeprefix("wrote ").partition(" (")[0])
+        assert temporary.parent.parent == tmp_path
+        assert page.read_text() == temporary.read_text() == theme
+
+
 def test_lists_hold_the_whole_registries(call: Call) -> None:
     arms = read_json(call("arms", "--json")[1])
     assert [arm["name"] for arm in arms] == arm_names()

@@ -18,6 +18,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rcmqp import Run, load_scenario, make_controller, plots, simulate
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
+from rcmqp.palette import COLOURS
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +105,15 @@ def test_figures_whose_names_have_dots_keep_them(tmp_path: Path) -> None:
         "arm.v2.pdf",
     ]
     assert set(tmp_path.iterdir()) == set(written)
+
+
+def test_runs_are_told_apart_by_colour_and_dash_in_both_plots_and_the_legend(moving: Run) -> None:
+    count = 2 * len(COLOURS)
+    for logarithmic in (False, True):
+        labels = [f"run {i}" for i in range(count)]
+        figure = plots.error_figure([moving] * count, logarithmic=logarithmic, labels=labels)
+        for lines in (*(axes.get_lines() for axes in figure.axes), figure.legends[0].get_lines()):
+            looks = [(str(line.get_color()), str(line.get_linestyle())) for line in lines]
+            assert len(set(looks)) == count
+            assert [colour for colour, _ in looks] == 2 * list(COLOURS)
+            assert [dash for _, dash in looks[:4]] == ["-", "--", "-.", ":"]

@@ -20,6 +20,7 @@ from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
 from rcmqp.metrics import compute_metrics
 from rcmqp.report.build import pictures, write_report
+from rcmqp.report.document import Screenshot, Section, as_html
 from rcmqp.report.groups import groups_of
 from rcmqp.viewer.browser import PATIENCE, browser
 
@@ -85,6 +86,30 @@ def test_figures_tell_runs_of_one_controller_apart(runs: list[Run]) -> None:
     assert len(set(legend)) == 3
     for text in [*titles, *legend]:
         assert "dual_quaternion" in text
+
+
+def test_errors_of_several_runs_are_on_a_logarithmic_scale(runs: list[Run]) -> None:
+    for drawn, scale in ((runs[:1], "linear"), (runs[:2], "log")):
+        (group,) = groups_of(drawn, FILES[: len(drawn)])
+        _, errors = (picture.figure for picture in pictures(group))
+        assert [axes.get_yscale() for axes in errors.axes] == [scale] * 2
+
+
+def test_a_screenshot_is_of_the_runs_end_and_its_caption_is_text(
+    runs: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def draw(runs: list[Run], path: Path, *, time: float) -> None:
+        asked.append((runs, path, time))
+
+    monkeypatch.setattr("rcmqp.report.document.snapshot", draw)
+    shot = Screenshot("lwa3", "the LWA3 *at the end*", runs[0])
+    shot.write(tmp_path)
+    assert asked == [([runs[0]], tmp_path / "lwa3.png", 0.3)]
+    page = as_html("title", [Section("one", pictures=[shot])])
+    assert '<img src="lwa3.png" alt="the LWA3 *at the end*" />' in page
+    assert "<p>the LWA3 *at the end*</p>" in page
 
 
 def test_every_file_that_the_page_names_is_there_and_no_other_address(folder: Path) -> None:
