@@ -191,8 +191,7 @@ def test_runs_of_one_and_of_two_rows_have_a_report(runs: list[Run], tmp_path: Pa
     assert [row["tip_rms_mm"] for row in rows] == [
         str(compute_metrics(run).tip_rms_mm) for run in short
     ]
-    (group,) = groups_of(short, FILES[:2])
-    _, errors = (picture.figure for picture in pictures(group))
+    errors = plots.error_figure(short, logarithmic=True)
     for axes, name in zip(errors.axes, ("tip_error", "rcm_error"), strict=True):
         low, high = axes.get_ylim()
         for line, run in zip(axes.get_lines(), short, strict=True):

@@ -15,7 +15,7 @@ from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main as command_line
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError, ViewError
-from rcmqp.viewer import browser
+from rcmqp.viewer import browser, capture
 from rcmqp.viewer.browser import ffmpeg_path, opened
 from rcmqp.viewer.build import write_page
 from rcmqp.viewer.capture import snapshot, video
@@ -126,6 +126,31 @@ def test_video_shows_the_run_from_beginning_to_end_at_its_speed(
         off = np.abs(frames - picture).mean(axis=(1, 2, 3))
         assert np.argmin(off) == k
         assert off[k] < 0.5 * np.delete(off, k).min()
+
+
+def test_panes_that_are_large_and_even_are_drawn_finely(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def stop(*_: object, density: int, dark: bool) -> None:
+        asked.append(density)
+        raise ViewError("seen enough")
+
+    monkeypatch.setattr(capture, "opened", stop)
+    runs = [Run.load(file)]
+    for camera, size in (
+        ("scene", (480, 480)),
+        ("endoscope", (640, 482)),
+        ("page", (1280, 800)),
+        ("scene", (478, 640)),
+        ("scene", (640, 478)),
+        ("scene", (641, 480)),
+        ("scene", (640, 481)),
+    ):
+        with pytest.raises(ViewError, match="seen enough"):
+            snapshot(runs, tmp_path / "x.png", camera=camera, size=size)
+    assert asked == [2, 2, 1, 1, 1, 1, 1]
 
 
 def program(folder: Path, name: str, text: str) -> str:
