@@ -19,6 +19,7 @@ from rcmqp.controllers import make_controller
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.files import check_writable, make_folder, unlike, whole
 from rcmqp.loading import arm_names
+from rcmqp.markdown import literal
 from rcmqp.metrics import ROUNDING, against_limit, compute_metrics
 from rcmqp.run import Run
 from rcmqp.scenario_loading import load_scenario, own_arm
@@ -299,4 +300,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.4g}"
-    return str(value).replace("|", "/").replace("\n", " ")
+    return literal(str(value))

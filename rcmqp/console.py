@@ -31,8 +31,8 @@ RCM_WARNING_MM = 1.0
 OBSTACLE_WARNING_MM = 0.01
 """How far inside an obstacle is remarked on: above what a step's curvature takes."""
 
-out = Console(width=WIDTH)
-err = Console(stderr=True)
+out = Console(width=WIDTH, emoji=False)
+err = Console(stderr=True, emoji=False)
 
 _ERRORS = (
     ("tip", "tip", "mm"),
@@ -63,6 +63,11 @@ def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 def print_json(data: Any) -> None:
     """One JSON object; what is not finite is null."""
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_written(path: Path, more: str = "") -> None:
+    """Say that a file or folder is written; brackets and colons in its name are its own."""
+    out.print(f"wrote {path}{more}", markup=False, highlight=False, soft_wrap=True)
 
 
 def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:

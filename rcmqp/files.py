@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rcmqp.errors import RunFileError
+from rcmqp.errors import OptionError, RunFileError
 
 
 @contextmanager
@@ -64,6 +64,16 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         _part(path).unlink()
     except OSError as error:
         raise RunFileError(path, f"cannot be written: {why(error)}") from error
+
+
+def check_ending(path: str | os.PathLike[str], *endings: str) -> None:
+    """Find out whether a file to be written is named as its kind is: a run's would be lost.
+
+    Raises:
+        OptionError: it is not.
+    """
+    if Path(path).suffix.lower() not in endings:
+        raise OptionError(f"{path}: give the name of a file that ends in {' or '.join(endings)}")
 
 
 def unlike(others: Collection[str], stem: str, ending: str = "") -> str:

@@ -80,6 +80,7 @@ def error_figure(
                 color=colour(i),
                 linestyle=dash(i),
                 linewidth=1.4,
+                marker="" if run.time.size > 1 else ".",  # a line needs two
             )
         _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])
     axes[0].set_title(title, fontsize=10)
@@ -96,10 +97,15 @@ def error_figure(
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
     """Write a figure as PNG and as PDF, and return both paths.
 
+    Args:
+        figure: to write.
+        path: of both files, without their endings; it may have dots of its own.
+
     Raises:
         RunFileError: a file cannot be written.
     """
-    paths = [Path(path).with_suffix(suffix) for suffix in (".png", ".pdf")]
+    stem = Path(path)
+    paths = [stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".pdf")]
     for target in paths:
         about = {"CreationDate": None} if target.suffix == ".pdf" else {}
         with whole(target) as part:
@@ -155,14 +161,19 @@ def _from_trocar(run: Run, points: Array) -> Array:
 
 def _wrapped(label: str) -> str:
     """In lines short enough for half a figure."""
-    return textwrap.fill(label, WIDE)
+    return _literal(textwrap.fill(label, WIDE))
+
+
+def _literal(text: str) -> str:
+    """Text in which a dollar is no mathematics."""
+    return text.replace("$", r"\$")
 
 
 def _marks(run: Run) -> dict[str, str]:
     """What a run is told apart by."""
     return {
-        "arm": arm_title(run.scenario.arm),
-        "controller": run.controller,
+        "arm": _literal(arm_title(run.scenario.arm)),
+        "controller": _literal(run.controller),
         "period": f"T = {1e3 * run.period:g} ms",
     }
 

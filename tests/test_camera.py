@@ -12,7 +12,7 @@ from matplotlib.path import Path as Outline
 
 from rcmqp import Camera, load_scenario
 from rcmqp import dualquaternion as dq
-from rcmqp.camera import NOTHING, OUTSIDE, Pinhole, camera_pose, in_camera
+from rcmqp.camera import BACKGROUND, NOTHING, OUTSIDE, Pinhole, camera_pose, in_camera
 from rcmqp.dualquaternion import Array, from_se3, to_se3
 from rcmqp.errors import OptionError
 from rcmqp.operators import CameraTrial
@@ -121,6 +121,21 @@ def test_light_falls_from_the_camera() -> None:
     assert row[50] == pytest.approx(1.0, abs=1e-3)
     assert (np.diff(row[lit[0] : 51]) >= 0.0).all()
     assert row[lit[0]] < 0.7
+
+
+def test_each_sphere_has_its_colour_the_abdomen_its_own_and_the_outside_is_black() -> None:
+    spheres = [Sphere((x, 0.0, 0.05), 0.004) for x in (-0.01, 0.01)]
+    colours = [(0.9, 0.5, 0.1), (0.1, 0.6, 0.8)]
+    pinhole = Pinhole(size=101)
+    index, facing = pinhole.seen(dq.IDENTITY, spheres)
+    image = pinhole.render(dq.IDENTITY, spheres, colours)
+    for i, colour in enumerate(colours):
+        row, column = np.argwhere(facing * (index == i) > 0.99)[0]
+        assert_allclose(image[row, column], colour, rtol=0.01)
+    for corner in ((0, 0), (0, 100), (100, 0), (100, 100)):
+        assert image[corner].max() == 0.0
+    assert max(BACKGROUND) > 0.1
+    assert_allclose(image[[30, 50], [50, 50]], [BACKGROUND] * 2)
 
 
 def test_an_image_without_pixels_is_refused() -> None:

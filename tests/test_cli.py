@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeAlias
 
 import pytest
@@ -135,6 +136,83 @@ def test_show_draws_figures(call: Call, tmp_path: Path) -> None:
     assert all(name in out.replace("\n", "") for name in names)
 
 
+def test_what_is_written_is_named_as_it_is(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Brackets and colons are no markup, wherever they are in a name."""
+    folder = tmp_path / "a[b]" / "c[/b] :x:"
+    folder.mkdir(parents=True)
+    made = SimpleNamespace(table="", versus="", files=[folder])
+    monkeypatch.setattr("rcmqp.reproduce.reproduce_a", lambda *_, **__: made)
+    monkeypatch.setattr("rcmqp.viewer.build.page", lambda *_, **__: "a page")
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, part, **__: part.touch())
+    file = str(folder / "run[red].h5")
+    call(*SHORT, "--out", file)
+    short = ("-s", "circle", "-a", "lwa3", "-c", "damped", "--duration", "0.05")
+    for arguments, count in (
+        (("show", file, "--figures", str(folder / "figures[/]")), 4),
+        (("view", file, "--html", str(folder / "run[a].html"), "--no-open"), 1),
+        (("report", file, "--out", str(folder / "report")), 9),
+        (("compare", *short, "--out", str(folder / "compared")), 1),
+        (("reproduce", "--out", str(folder)), 1),
+    ):
+        code, out, _ = call(*arguments)
+        written = re.findall(r"^wrote (.*?)(?: \(\d+\.\d MB\))?$", out, re.MULTILINE)
+        assert (code, len(written)) == (0, count)
+        assert all(Path(name).exists() for name in written)
+
+
+@pytest.mark.parametrize("page", ["run.h5", "other.h5", "link.html", "run.html", "page", "x.pdf"])
+def test_view_writes_over_no_run_and_only_pages(call: Call, tmp_path: Path, page: str) -> None:
+    """Told before a run is loaded: these are none."""
+    for name in ("run.h5", "run.html", "other.h5"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "link.html").symlink_to("run.h5")
+    runs = [str(tmp_path / name) for name in ("run.h5", "run.html")]
+    code, out, err = call("view", *runs, "--html", str(tmp_path / page), "--no-open")
+    assert (code, out) == (1, "")
+    assert ("is one of the runs" if page.startswith(("link", "run.html")) else ".html") in err
+    assert str(tmp_path / page) in err
+    for name in ("run.h5", "run.html", "other.h5"):
+        assert (tmp_path / name).read_text() == name
+
+
+@pytest.mark.parametrize(
+    ("opens", "option"), [(True, "--open"), (False, "--open"), (False, "--no-open")]
+)
+def test_view_says_where_no_browser_is(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opens: bool, option: str
+) -> None:
+    asked: list[str] = []
+
+    def show(url: str) -> bool:
+        asked.append(url)
+        return opens
+
+    monkeypatch.setattr("webbrowser.open", show)
+    monkeypatch.setattr("rcmqp.viewer.build.page", lambda *_, **__: "a page")
+    file, page = tmp_path / "run.h5", tmp_path / "run.html"
+    call(*SHORT, "--out", str(file))
+    code, _, err = call("view", str(file), "--html", str(page), option)
+    assert (code, asked) == (0, [page.as_uri()] if option == "--open" else [])
+    assert ("no browser here" in err) == (option == "--open" and not opens)
+
+
+def test_view_is_dark_where_it_is_to_be(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rcmqp.viewer.build.page", lambda _, dark: "dark" if dark else "light")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    file, page = str(tmp_path / "run.h5"), tmp_path / "run.html"
+    call(*SHORT, "--out", file)
+    for options, theme in (((), "light"), (("--dark",), "dark")):
+        call("view", file, "--html", str(page), "--no-open", *options)
+        out = call("view", file, "--no-open", *options)[1]
+        temporary = Path(out.removeprefix("wrote ").partition(" (")[0])
+        assert temporary.parent.parent == tmp_path
+        assert page.read_text() == temporary.read_text() == theme
+
+
 def test_lists_hold_the_whole_registries(call: Call) -> None:
     arms = read_json(call("arms", "--json")[1])
     assert [arm["name"] for arm in arms] == arm_names()
@@ -249,6 +327,21 @@ def test_ctrl_c_ends_with_code_130_and_a_word(
 
     monkeypatch.setattr(where, interrupt)
     assert call(*arguments) == (130, "", f"{word}\n")
+
+
+def test_ctrl_c_while_a_page_is_made_leaves_no_folder(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(runs: object, path: Path, *, dark: bool) -> None:
+        path.write_text("half a page")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rcmqp.viewer.build.write_page", interrupt)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    call(*SHORT, "--out", str(tmp_path / "run.h5"))
+    assert call("view", str(tmp_path / "run.h5")) == (130, "", "interrupted\n")
+    assert list((tmp_path / "temporary").iterdir()) == []
 
 
 def test_wrong_usage_ends_with_code_2(call: Call) -> None:

@@ -256,3 +256,10 @@ def test_the_jerk_of_a_parabola_is_known() -> None:
 
 def test_no_movement_is_smooth() -> None:
     assert sparc(np.zeros(50), 0.01) == log_dimensionless_jerk(np.zeros(50), 0.01) == 0.0
+
+
+@pytest.mark.parametrize("speed", [[], [1.0], [1.0, 2.0], [1.0, np.nan, 2.0, 1.0]])
+def test_smoothness_of_too_little_is_missing(speed: list[float]) -> None:
+    for measure in (sparc, log_dimensionless_jerk):
+        assert math.isnan(measure(np.array(speed), 0.01))
+        assert not math.isnan(measure(np.array([1.0, 2.0, 1.0]), 0.01))

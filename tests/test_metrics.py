@@ -159,6 +159,13 @@ def test_metrics_come_from_the_recorded_channels_alone() -> None:
     assert run.digest == before
 
 
+def test_a_run_of_one_row_lacks_only_the_tips_speed(small: Run) -> None:
+    one = small.with_rows({name: rows[:1] for name, rows in small.rows().items()}, {}, {})
+    found = dataclasses.asdict(compute_metrics(one))
+    assert [name for name, value in found.items() if math.isnan(value)] == ["tip_speed_rms_mm_s"]
+    assert (found["tip_rms_mm"], found["tip_p95_mm"], found["depth_min_mm"]) == (1.0, 1.0, 100.0)
+
+
 @pytest.mark.parametrize("size", [1, 2, 3])
 def test_metrics_do_not_depend_on_the_parts(
     small: Run, size: int, monkeypatch: pytest.MonkeyPatch

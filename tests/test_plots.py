@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import assert_allclose
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import Run, load_scenario, make_controller, plots, simulate
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
+from rcmqp.palette import COLOURS
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +90,30 @@ def test_a_reference_that_is_missing_now_and_then_is_left_out_of_figures(moving:
     assert low == pytest.approx(0.5 * np.quantile(there, 0.01))
     gone = dataclasses.replace(moving, tip_error=np.full_like(error, np.nan))
     plots.error_figure([gone], logarithmic=True)
+
+
+def test_figures_whose_names_have_dots_keep_them(tmp_path: Path) -> None:
+    written = [
+        path
+        for name in ("arm.v1", "arm.v2")
+        for path in plots.save_figure(Figure(), tmp_path / name)
+    ]
+    assert [path.name for path in written] == [
+        "arm.v1.png",
+        "arm.v1.pdf",
+        "arm.v2.png",
+        "arm.v2.pdf",
+    ]
+    assert set(tmp_path.iterdir()) == set(written)
+
+
+def test_runs_are_told_apart_by_colour_and_dash_in_both_plots_and_the_legend(moving: Run) -> None:
+    count = 2 * len(COLOURS)
+    for logarithmic in (False, True):
+        labels = [f"run {i}" for i in range(count)]
+        figure = plots.error_figure([moving] * count, logarithmic=logarithmic, labels=labels)
+        for lines in (*(axes.get_lines() for axes in figure.axes), figure.legends[0].get_lines()):
+            looks = [(str(line.get_color()), str(line.get_linestyle())) for line in lines]
+            assert len(set(looks)) == count
+            assert [colour for colour, _ in looks] == 2 * list(COLOURS)
+            assert [dash for _, dash in looks[:4]] == ["-", "--", "-.", ":"]

@@ -5,18 +5,22 @@ from __future__ import annotations
 import csv
 import dataclasses
 import errno
+import html
 import re
 import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from markdown_it import MarkdownIt
 
-from rcmqp import Run, load_scenario, make_controller, simulate
+from rcmqp import Run, load_arm, load_scenario, make_controller, plots, simulate
 from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
 from rcmqp.metrics import compute_metrics
 from rcmqp.report.build import pictures, write_report
+from rcmqp.report.document import Screenshot, Section, as_html
 from rcmqp.report.groups import groups_of
 from rcmqp.viewer.browser import PATIENCE, browser
 
@@ -24,17 +28,26 @@ FILES = ("paper.h5", "qp.h5", "slow.h5", "other.h5")
 
 
 @pytest.fixture(scope="module")
-def runs() -> list[Run]:
-    """Three that go together, with an option and a period of their own, and one on another arm."""
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
+    """Three that go together, with an option and a period of their own, and one on another arm.
+
+    That arm is a URDF with a dot in its name.
+    """
+    urdf, own = load_arm("ur5").urdf, tmp_path_factory.mktemp("arm") / "ur5.v2.urdf"
+    assert urdf is not None
+    own.write_text(urdf.read_text())
     cases: tuple[tuple[str, str, float, dict[str, Any]], ...] = (
         ("lwa3", "dual_quaternion", 0.01, {"feed_forward": True, "gain": 12.5}),
         ("lwa3", "hierarchical_qp", 0.01, {}),
         ("lwa3", "dual_quaternion", 0.02, {"objective": ""}),
-        ("meka_a2", "dual_quaternion", 0.01, {}),
+        (str(own), "dual_quaternion", 0.01, {}),
     )
     found = []
     for arm, name, period, options in cases:
-        scenario = load_scenario("conical_helix", arm, period=period, duration=0.3, seed=5)
+        flange = "tool0" if arm == str(own) else None
+        scenario = load_scenario(
+            "conical_helix", arm, flange=flange, period=period, duration=0.3, seed=5
+        )
         controller = make_controller(name, scenario.insertion(), period, **options)
         found.append(simulate(scenario, controller))
     return found
@@ -75,6 +88,30 @@ def test_figures_tell_runs_of_one_controller_apart(runs: list[Run]) -> None:
         assert "dual_quaternion" in text
 
 
+def test_errors_of_several_runs_are_on_a_logarithmic_scale(runs: list[Run]) -> None:
+    for drawn, scale in ((runs[:1], "linear"), (runs[:2], "log")):
+        (group,) = groups_of(drawn, FILES[: len(drawn)])
+        _, errors = (picture.figure for picture in pictures(group))
+        assert [axes.get_yscale() for axes in errors.axes] == [scale] * 2
+
+
+def test_a_screenshot_is_of_the_runs_end_and_its_caption_is_text(
+    runs: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def draw(runs: list[Run], path: Path, *, time: float) -> None:
+        asked.append((runs, path, time))
+
+    monkeypatch.setattr("rcmqp.report.document.snapshot", draw)
+    shot = Screenshot("lwa3", "the LWA3 *at the end*", runs[0])
+    shot.write(tmp_path)
+    assert asked == [([runs[0]], tmp_path / "lwa3.png", 0.3)]
+    page = as_html("title", [Section("one", pictures=[shot])])
+    assert '<img src="lwa3.png" alt="the LWA3 *at the end*" />' in page
+    assert "<p>the LWA3 *at the end*</p>" in page
+
+
 def test_every_file_that_the_page_names_is_there_and_no_other_address(folder: Path) -> None:
     text = (folder / "index.html").read_text()
     named = set(re.findall(r'(?:src|href)="([^"]*)"', text)) - {"data:,"}
@@ -96,10 +133,73 @@ def test_each_command_makes_its_run_again_to_the_bit(
         assert Run.load(tmp_path / command[-1]).digest == run.digest
 
 
+def test_names_are_text_wherever_they_stand(runs: list[Run], tmp_path: Path) -> None:
+    name = "![i](http://evil.example/x.png) [click](http://evil.example) *b* _c_ d_e | <http://evil.example>`"
+    law, option = r"</td><img src=x> $\frac$ ![i](y.png)", "`\n![i](z.png)"
+    fence = {"objective": "\n```\n![i](w.png)"}
+    scenario = dataclasses.replace(runs[0].scenario, name=name)
+    named = [
+        dataclasses.replace(
+            runs[0],
+            scenario=scenario,
+            controller=controller,
+            options=options,
+            versions={"![i](v.png)": "1"},
+        )
+        for controller, options in (
+            (law, {option: [1]}),
+            (law, {option: [2]}),
+            ("dual_quaternion", {option: [3]}),
+            ("dual_quaternion", fence),
+        )
+    ]
+    write_report(named, tmp_path, files=FILES)
+    page = (tmp_path / "index.html").read_text()
+    linked = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert {re.sub(r"^(view|trajectories|errors)_.*_lwa3", "", each) for each in linked} == {
+        *("data:,", ".html", ".png", ".pdf", "report.csv")
+    }
+    assert not re.search("<(em|i|b)>", page)
+    shown = html.unescape(re.sub("<[^>]*>", "", page))
+    title = f"{name} on Schunk LWA3"
+    assert shown.count(title) == 2  # the section's title, and the list of versions
+    assert shown.count(name) == 2 + 2 + 4  # the page's own title, twice; the table
+    assert f"{title}: 0.3 s, sampled every 10 ms; seed 5; ![i](v.png) 1" in shown
+    for label in (f"{law}, {option} = [1]", f"{law}, {option} = [2]"):
+        assert shown.count(" ".join(label.split())) == 2  # below the trajectories; the table
+    assert f"# slow.h5: made in Python, its {option!r} were given there" in shown
+    assert f"objective={fence['objective']}' --out other.h5" in shown
+    written = MarkdownIt().render((tmp_path / "report.md").read_text())
+    assert html.unescape(written).startswith(f"<h1>{name}: 4 runs</h1>")
+
+
 def test_a_run_that_no_command_makes_is_said_to_be_one(runs: list[Run], tmp_path: Path) -> None:
     strange = dataclasses.replace(runs[0], controller="mine")
     write_report([strange], tmp_path, files=["a.h5"])
     assert "# a.h5: its controller 'mine' is not one" in (tmp_path / "report.md").read_text()
+
+
+def test_runs_of_one_and_of_two_rows_have_a_report(runs: list[Run], tmp_path: Path) -> None:
+    """Such as a recording that was interrupted at once."""
+    short = [
+        runs[0].with_rows({name: rows[:n] for name, rows in runs[0].rows().items()}, {}, {})
+        for n in (1, 2)
+    ]
+    write_report(short, tmp_path, files=FILES[:2])
+    rows = list(csv.DictReader((tmp_path / "report.csv").read_text().splitlines()))
+    assert [(row["sparc"], row["ldlj"]) for row in rows] == [("nan", "nan")] * 2
+    assert [row["tip_rms_mm"] for row in rows] == [
+        str(compute_metrics(run).tip_rms_mm) for run in short
+    ]
+    errors = plots.error_figure(short, logarithmic=True)
+    for axes, name in zip(errors.axes, ("tip_error", "rcm_error"), strict=True):
+        low, high = axes.get_ylim()
+        for line, run in zip(axes.get_lines(), short, strict=True):
+            there = np.maximum(1e3 * getattr(run, name), plots.FLOOR_MM)
+            assert np.array_equal(line.get_ydata(), there)
+            assert (line.get_marker() == "") == (run is short[1])
+            assert (low <= there).all()
+            assert (there <= high).all()
 
 
 def test_what_goes_wrong_leaves_the_folder_as_it_was(

@@ -170,5 +170,5 @@ def test_the_trajectory_figure_starts_below_the_trocar_at_the_starts_depth(
 
 
 def test_a_figure_is_written_as_png_and_pdf(runs: list[Run], tmp_path: Path) -> None:
-    files = plots.save_figure(plots.error_figure(runs), tmp_path / "errors.png")
+    files = plots.save_figure(plots.error_figure(runs), tmp_path / "errors")
     assert [file.read_bytes()[:4] for file in files] == [b"\x89PNG", b"%PDF"]

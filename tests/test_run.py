@@ -26,6 +26,8 @@ from rcmqp import (
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_writable
 from rcmqp.paths import PATHS, Foreign
+from rcmqp.report.groups import groups_of
+from rcmqp.report.remake import remake_text
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [
@@ -258,6 +260,8 @@ def test_a_run_along_a_path_that_is_not_known_here_can_be_looked_at_and_not_run_
     found.save(tmp_path / "again.h5")
     assert Run.load(tmp_path / "again.h5").digest == found.digest
     assert compute_metrics(found).rcm_max_mm < 1e-3
+    (group,) = groups_of([found], ["run.h5"])
+    assert "its path 'nod' is not one of rcmqp's" in remake_text([group], "")
     with pytest.raises(OptionError, match="does not know the path 'nod'"):
         simulate(found.scenario, made)
     (tmp_path / "scenario.json").write_text(found.scenario.to_json())

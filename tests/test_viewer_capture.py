@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import io
 import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +13,11 @@ import pytest
 
 from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main as command_line
-from rcmqp.errors import RunFileError, ViewError
-from rcmqp.viewer import browser
+from rcmqp.dualquaternion import Array
+from rcmqp.errors import OptionError, RunFileError, ViewError
+from rcmqp.viewer import browser, capture
 from rcmqp.viewer.browser import ffmpeg_path, opened
+from rcmqp.viewer.build import write_page
 from rcmqp.viewer.capture import snapshot, video
 
 if TYPE_CHECKING:
@@ -25,54 +29,128 @@ def main(arguments: list[str]) -> None:
         command_line(arguments)
 
 
+TIME, SPEED = 5.0 / 3.0, 25.0
+"""An instant of the run [s]; the video that goes this fast shows it in its third picture."""
+
+
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    scenario = load_scenario("conical_helix", "lwa3", duration=0.2, period=0.01)
+    scenario = load_scenario("conical_helix", "lwa3", duration=2.0, period=0.01)
     controller = make_controller("dual_quaternion", scenario.insertion(), scenario.period)
     path = tmp_path_factory.mktemp("runs") / "run.h5"
     simulate(scenario, controller).save(path)
     return path
 
 
-@pytest.mark.parametrize("camera", ["scene", "endoscope"])
-def test_snapshot_draws_a_picture_of_the_size_asked_for(
-    file: Path, tmp_path: Path, camera: str
+class Shown:
+    """A camera's pane of the open page, fine, and the endoscope's dark: what is to be drawn."""
+
+    def __init__(self, file: Path, camera: str) -> None:
+        self.camera, self.dark = camera, camera == "endoscope"
+        with opened([Run.load(file)], (640, 480), camera, density=2, dark=self.dark) as page:
+            self.text = page.locator("#caption").inner_text()
+            self.written = page.locator("#caption").bounding_box()
+            self.pane = page.locator("#scope" if self.dark else "#scene").bounding_box()
+            self.sizes = page.evaluate("[innerWidth, innerHeight, devicePixelRatio]")
+            self.pictures = [self._picture(page, t) for t in (0.0, TIME)]
+
+    def _picture(self, page: Page, t: float) -> Array:
+        page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", t)
+        return pixels(io.BytesIO(page.screenshot()))
+
+
+@pytest.fixture(scope="module", params=["scene", "endoscope"])
+def shown(request: pytest.FixtureRequest, file: Path) -> Shown:
+    return Shown(file, request.param)
+
+
+def pixels(file: Path | io.BytesIO) -> Array:
+    """Of a PNG (height, width, 3), 0 to 255."""
+    return np.asarray(255.0 * matplotlib.image.imread(file)[..., :3])
+
+
+def test_a_page_takes_no_runs_place(file: Path) -> None:
+    before = file.read_bytes()
+    with pytest.raises(OptionError, match=r"run\.h5: give .* ends in \.html or \.htm"):
+        write_page([Run.load(file)], file)
+    assert file.read_bytes() == before
+
+
+def test_snapshot_draws_what_the_page_shows_at_that_time(
+    file: Path, tmp_path: Path, shown: Shown
 ) -> None:
     picture = tmp_path / "x.png"
-    arguments = ["--time", "0.1", "--camera", camera, "--size", "320x240", "--out", str(picture)]
-    main(["snapshot", str(file), *arguments])
-    image = np.asarray(matplotlib.image.imread(picture))
-    assert image.shape[:2] == (240, 320)
-    assert len(np.unique(image[..., :3].reshape(-1, 3), axis=0)) > 200
+    arguments = ["--time", repr(TIME), "--camera", shown.camera, "--size", "640x480"]
+    dark = ["--dark"] if shown.dark else []
+    main(["snapshot", str(file), *arguments, *dark, "--out", str(picture)])
+    image = pixels(picture)
+    assert image.shape == (480, 640, 3)
+    start, then = shown.pictures
+    assert np.abs(image - then).mean() < 0.05
+    assert np.abs(image - start).mean() > 1.0
+    corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
+    assert (corners.max() < 64.0) if shown.dark else (corners.min() > 250.0)
 
 
-@pytest.mark.parametrize("camera", ["scene", "endoscope"])
-def test_a_picture_says_above_what_it_shows_and_large_enough(file: Path, camera: str) -> None:
-    with opened([Run.load(file)], (640, 480), camera, density=2) as page:
-        text = page.locator("#caption").inner_text()
-        written = page.locator("#caption").bounding_box()
-        shown = page.locator("#scope" if camera == "endoscope" else "#scene").bounding_box()
-        sizes = page.evaluate("[innerWidth, innerHeight, devicePixelRatio]")
-    assert sizes == [320, 240, 2]
+def test_a_picture_says_above_what_it_shows_and_large_enough(shown: Shown) -> None:
+    assert shown.sizes == [320, 240, 2]
     for part in ("conical_helix on Schunk LWA3", "dual_quaternion", "desired tip"):
-        assert part in text
+        assert part in shown.text
+    written, pane = shown.written, shown.pane
     assert written is not None
-    assert shown is not None
+    assert pane is not None
     assert written["y"] >= 0.0
-    if camera == "endoscope":  # the scene leaves room itself: its camera looks past the words
-        assert written["y"] + written["height"] <= shown["y"]
-        assert shown["width"] == pytest.approx(shown["height"], abs=1.0)
-        assert shown["y"] + shown["height"] <= 240.5
+    if shown.camera == "endoscope":  # the scene's camera looks past the words
+        assert written["y"] + written["height"] <= pane["y"]
+        assert pane["width"] == pytest.approx(pane["height"], abs=1.0)
+        assert pane["y"] + pane["height"] <= 240.5
 
 
-def test_video_is_as_long_as_the_run(file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("shown", ["endoscope"], indirect=True)
+def test_video_shows_the_run_from_beginning_to_end_at_its_speed(
+    file: Path, tmp_path: Path, shown: Shown
+) -> None:
     film = tmp_path / "x.mp4"
-    main(["video", str(file), "--size", "160x120", "--speed", "0.5", "--out", str(film)])
-    command = [ffmpeg_path(), "-i", str(film), "-f", "null", "-"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    seconds = (Run.load(file).time[-1]) / 0.5
-    frames = int(said.rpartition("frame=")[2].split()[0])
-    assert frames == round(30 * seconds) + 1
+    arguments = ["--camera", "endoscope", "--dark", "--speed", str(SPEED), "--size", "640x480"]
+    main(["video", str(file), *arguments, "--out", str(film)])
+    ask = ["-show_entries", "stream=r_frame_rate,duration", "-of", "csv=p=0", str(film)]
+    said = subprocess.run(["ffprobe", "-v", "error", *ask], capture_output=True, check=True)
+    rate, seconds = said.stdout.decode().strip().split(",")
+    assert rate == "30/1"
+    assert float(seconds) == pytest.approx(4.0 / 30.0, abs=1e-4)
+    command = [ffmpeg_path(), "-v", "error", "-i", str(film), "-f", "rawvideo"]
+    raw = subprocess.run([*command, "-pix_fmt", "rgb24", "-"], capture_output=True, check=True)
+    frames = np.frombuffer(raw.stdout, dtype=np.uint8).reshape(-1, 480, 640, 3).astype(float)
+    assert len(frames) == 4  # at 0, 0.83, 1.67 and 2 s of the run
+    for picture, k in zip(shown.pictures, (0, 2), strict=True):
+        off = np.abs(frames - picture).mean(axis=(1, 2, 3))
+        assert np.argmin(off) == k
+        assert off[k] < 0.5 * np.delete(off, k).min()
+
+
+def test_panes_that_are_large_and_even_are_drawn_finely(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def stop(*_: object, density: int, dark: bool) -> None:
+        asked.append(density)
+        raise ViewError("seen enough")
+
+    monkeypatch.setattr(capture, "opened", stop)
+    runs = [Run.load(file)]
+    for camera, size in (
+        ("scene", (480, 480)),
+        ("endoscope", (640, 482)),
+        ("page", (1280, 800)),
+        ("scene", (478, 640)),
+        ("scene", (640, 478)),
+        ("scene", (641, 480)),
+        ("scene", (640, 481)),
+    ):
+        with pytest.raises(ViewError, match="seen enough"):
+            snapshot(runs, tmp_path / "x.png", camera=camera, size=size)
+    assert asked == [2, 2, 1, 1, 1, 1, 1]
 
 
 def program(folder: Path, name: str, text: str) -> str:
@@ -121,3 +199,19 @@ def test_what_a_failing_ffmpeg_says_is_said_and_nothing_is_left(
     with pytest.raises(RunFileError, match=r"x\.mp4: ffmpeg could not write it: no such codec"):
         video([Run.load(file)], tmp_path / "x.mp4", size=(64, 64))
     assert [path.name for path in tmp_path.iterdir()] == ["bin"]
+
+
+def test_ctrl_c_ends_with_one_word_and_leaves_nothing(file: Path, tmp_path: Path) -> None:
+    """A terminal tells every process that it started, the browser's too: so does this ffmpeg."""
+    (tmp_path / "bin").mkdir()
+    path = program(tmp_path / "bin", "ffmpeg", "head -c 1 >/dev/null; kill -INT 0")
+    command = [sys.executable, "-m", "rcmqp", "video", str(file), "--size", "64x64"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "x.mp4")],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PATH": path, "TMPDIR": str(tmp_path)},
+        start_new_session=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+    assert [each.name for each in tmp_path.iterdir()] == ["bin"]

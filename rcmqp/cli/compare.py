@@ -92,6 +92,6 @@ def compare(
         console.print_json([console.row_json(row) for row in rows])
     else:
         out.print(comparison.as_markdown(rows), markup=False, highlight=False, soft_wrap=True)
-        out.print(f"wrote {folder}", highlight=False, soft_wrap=True)
+        console.print_written(folder)
     if any(row.failure for row in rows):
         raise typer.Exit(1)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from rcmqp import console
 from rcmqp.cli.options import Files
-from rcmqp.console import out
 from rcmqp.run import Run
 
 
@@ -32,4 +32,4 @@ def report(
 
     runs = [Run.load(file) for file in files]
     for path in write_report(runs, folder, files=[file.name for file in files]):
-        out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        console.print_written(path)

@@ -60,4 +60,4 @@ def reproduce(
     for table in (found.table, found.versus):
         out.print(table, markup=False, highlight=False, soft_wrap=True)
     for path in found.files:
-        out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        console.print_written(path)

@@ -9,7 +9,6 @@ import typer
 
 from rcmqp import console
 from rcmqp.cli.options import AsJson, FlangeOption, options_of
-from rcmqp.console import out
 from rcmqp.controllers import make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
@@ -111,7 +110,7 @@ def show(
     written = [] if figures is None else _draw(Run.load(file), figures, file.stem)
     _show(file, as_json)
     for path in written if not as_json else []:
-        out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        console.print_written(path)
 
 
 def _show(file: Path, as_json: bool) -> None:

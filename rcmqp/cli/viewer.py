@@ -9,8 +9,9 @@ import typer
 
 from rcmqp import console
 from rcmqp.cli.options import Files
-from rcmqp.console import err, out
-from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.console import err
+from rcmqp.errors import OptionError
+from rcmqp.files import check_ending
 from rcmqp.run import Run
 
 Dark = Annotated[bool, typer.Option("--dark", help="On a dark background, not a white one.")]
@@ -43,11 +44,16 @@ def view(
 
     The page is one file, works offline, and can be sent to anyone.
     """
+    import shutil
     import tempfile
     import webbrowser
 
-    from rcmqp.viewer.build import write_page
+    from rcmqp.viewer.build import ENDINGS, write_page
 
+    if page is not None:
+        check_ending(page, *ENDINGS)
+        if page.resolve() in [file.resolve() for file in files]:
+            raise OptionError(f"{page} is one of the runs; give another file with --html")
     runs = [Run.load(file) for file in files]
     if page is not None:
         written = write_page(runs, page, dark=dark)
@@ -55,11 +61,11 @@ def view(
         folder = Path(tempfile.mkdtemp(prefix="rcmqp-"))
         try:
             written = write_page(runs, folder / f"{files[0].stem}.html", dark=dark)
-        except RcmqpError:
-            folder.rmdir()
+        except BaseException:  # Ctrl-C, too
+            shutil.rmtree(folder)
             raise
     size = written.stat().st_size / 1e6
-    out.print(f"wrote {written} ({size:.1f} MB)", highlight=False, soft_wrap=True)
+    console.print_written(written, f" ({size:.1f} MB)")
     if show and not webbrowser.open(written.resolve().as_uri()):
         err.print("[yellow]warning:[/] no browser here; open the file in one yourself")
 
@@ -84,7 +90,7 @@ def snapshot(
 
     runs = [Run.load(each) for each in files]
     written = capture.snapshot(runs, file, time=time, camera=camera, size=_size(size), dark=dark)
-    out.print(f"wrote {written}", highlight=False, soft_wrap=True)
+    console.print_written(written)
 
 
 def video(
@@ -114,7 +120,7 @@ def video(
             dark=dark,
             progress=lambda done, total: advance(str(file), done, total),
         )
-    out.print(f"wrote {written}", highlight=False, soft_wrap=True)
+    console.print_written(written)
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

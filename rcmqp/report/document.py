@@ -13,6 +13,7 @@ from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
 import rcmqp
+from rcmqp.markdown import literal
 from rcmqp.plots import save_figure
 from rcmqp.run import Run
 from rcmqp.viewer.build import framed
@@ -30,7 +31,7 @@ class Picture:
     @property
     def text(self) -> str:
         """Markdown that shows it."""
-        stem, caption = self.stem, self.caption
+        stem, caption = self.stem, literal(self.caption)
         return f"![{caption}]({stem}.png)\n\n{caption} ([PDF]({stem}.pdf))\n\n"
 
     def write(self, folder: Path) -> None:
@@ -49,7 +50,8 @@ class Screenshot:
     @property
     def text(self) -> str:
         """Markdown that shows it."""
-        return f"![{self.caption}]({self.stem}.png)\n\n{self.caption}\n\n"
+        caption = literal(self.caption)
+        return f"![{caption}]({self.stem}.png)\n\n{caption}\n\n"
 
     def write(self, folder: Path) -> None:
         """Draw it, as PNG, in Chromium."""
@@ -78,7 +80,7 @@ def as_markdown(title: str, sections: Sequence[Section]) -> str:
     texts = [
         _head(section) + "".join(each.text for each in section.pictures) for section in sections
     ]
-    return f"# {title}\n\n{''.join(texts)}{_made_by()}\n"
+    return f"# {literal(title)}\n\n{''.join(texts)}{_made_by()}\n"
 
 
 def as_html(title: str, sections: Sequence[Section]) -> str:
@@ -105,7 +107,7 @@ def _block(section: Section) -> str:
 
 
 def _head(section: Section) -> str:
-    text = f"## {section.title}\n\n"
+    text = f"## {literal(section.title)}\n\n"
     if section.text:
         text += f"{section.text.strip()}\n\n"
     if section.viewer:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 
 from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.markdown import literal
 from rcmqp.paths import Foreign
 from rcmqp.report.groups import Group
 from rcmqp.run import Run
@@ -26,12 +28,15 @@ def run_command(run: Run, scenario: str, file: str) -> str:
     kind = CONTROLLERS.get(run.controller)
     if kind is None or not kind.__module__.startswith("rcmqp."):
         return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
-    if isinstance(run.scenario.path, Foreign):
-        return f"# {file}: its path {run.scenario.path.kind!r} is not one of rcmqp's"
+    path = run.scenario.path
+    if isinstance(path, Foreign) or not type(path).__module__.startswith("rcmqp."):
+        name = path.kind if isinstance(path, Foreign) else type(path).__name__
+        return f"# {file}: its path {name!r} is not one of rcmqp's"
     defaults = controller_options(run.controller)
     changed = {name: x for name, x in run.options.items() if x != defaults.get(name)}
     if any(not isinstance(value, bool | int | float | str) for value in changed.values()):
-        return f"# {file}: made in Python, its {' and '.join(changed)} were given there"
+        given = " and ".join(map(repr, changed))
+        return f"# {file}: made in Python, its {given} were given there"
     words = ["rcmqp", "run", scenario, "--controller", run.controller]
     words += ["--period", repr(run.period), "--seed", str(run.scenario.seed)]
     for name, value in changed.items():
@@ -47,7 +52,7 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
         command: that makes the report, and its runs where it can.
     """
     runs = [pair for group in groups for pair in _commands(group)]
-    made = [f"- {group.title}: {versions_text(group.runs)}" for group in groups]
+    made = [f"- {literal(f'{group.title}: {versions_text(group.runs)}')}" for group in groups]
     return "\n".join(
         [
             *_code([command]),
@@ -63,7 +68,9 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
 
 
 def _code(lines: Sequence[str]) -> list[str]:
-    return ["```sh", *lines, "```", ""]
+    inside = max(map(len, re.findall("`*", "\n".join(lines))))
+    fence = "`" * max(3, inside + 1)
+    return [f"{fence}sh", *lines, fence, ""]
 
 
 def _commands(group: Group) -> list[str]:

@@ -77,7 +77,11 @@ def browser() -> Iterator[Browser]:
     flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else list(FLAGS)
     with sync_playwright() as playwright:
         try:
-            chromium = playwright.chromium.launch(executable_path=executable, args=flags)
+            chromium = playwright.chromium.launch(
+                executable_path=executable,
+                args=flags,
+                handle_sigint=False,  # it is closed below
+            )
         except Error as error:
             raise ViewError(f"{executable} does not start: {_in_short(error)}") from error
         try:

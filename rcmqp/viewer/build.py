@@ -15,7 +15,7 @@ from typing import Any
 
 import rcmqp
 from rcmqp.errors import RcmqpError, ViewError
-from rcmqp.files import check_writable, whole
+from rcmqp.files import check_ending, check_writable, whole
 from rcmqp.insertion import Insertion
 from rcmqp.loading import arm_title
 from rcmqp.palette import colour, dash
@@ -27,6 +27,9 @@ from rcmqp.viewer.timeline import curves, frames
 
 MAY_DIFFER = ("period", "seed")
 """Fields of a scenario that may differ between runs of one page."""
+
+ENDINGS = (".html", ".htm")
+"""What the name of a page's file may end in."""
 
 SCRIPTS = ("data", "lines", "arm", "scenery", "stage", "plots", "player")
 
@@ -73,9 +76,11 @@ def write_page(runs: Sequence[Run], path: str | os.PathLike[str], *, dark: bool 
     """Write page() to a file, and return its path.
 
     Raises:
+        OptionError: the file's name does not end in one of ENDINGS.
         ViewError: see page().
         RunFileError: the file cannot be written.
     """
+    check_ending(path, *ENDINGS)
     check_writable(path)
     text = page(runs, dark=dark)
     with whole(path) as part:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.files import check_writable, whole
+from rcmqp.files import check_ending, check_writable, whole
 from rcmqp.run import Run
 from rcmqp.viewer.browser import ffmpeg_path, opened
 
@@ -147,8 +147,7 @@ def _checked(
     """Size of the picture; what is wrong is found before the browser starts."""
     if camera not in CAMERAS:
         raise UnknownName("camera", camera, CAMERAS)
-    if Path(path).suffix.lower() != ending:
-        raise OptionError(f"{path}: give the name of a file that ends in {ending}")
+    check_ending(path, ending)
     check_writable(path)
     width, height = size or CAMERAS[camera]
     if not (64 <= width <= 7680 and 64 <= height <= 7680):
