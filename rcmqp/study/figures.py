@@ -169,8 +169,9 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
                 label=group,
             )
     legs.set(xlabel="objective", ylabel="time for it [s]", xticks=range(1, 5))
+    legs.set_ylim(0.0, 1.15 * legs.get_ylim()[1])
     if legs.containers:
-        legs.legend(fontsize=8)
+        legs.legend(fontsize=8, loc="upper center", ncols=len(GROUPS))
     names = ("effector_rms_mm", "tip_rms_mm")
     sets = [[getattr(o, name) for o in _of(outcomes, group)] for name in names for group in GROUPS]
     labels = [f"{what},\n{group}" for what in ("effector", "tip") for group in GROUPS]
