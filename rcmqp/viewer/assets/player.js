@@ -185,6 +185,12 @@ window.rcmqp = {
   theme,
   draw: () => stage.render(),
   pose: (run, link) => stage.arms[run].matrix(link),
+  // Where the scene's pane shows a point of the world: to the right of and below its corner [px].
+  pixel(point) {
+    stage.camera.updateMatrixWorld();
+    const { x, y } = new MeshCat.THREE.Vector3(...point).project(stage.camera);
+    return [((1 + x) / 2) * stage.pane.clientWidth, ((1 - y) / 2) * stage.pane.clientHeight];
+  },
   // Corners of boxes around what has a name, in the world [m].
   boxes: (name) => stage.things[name].map((object) => {
     object.updateWorldMatrix(true, true);

@@ -162,16 +162,18 @@ class Stage {
   }
 
   frame() {
-    const points = this.close ? this.workPoints() : this.allPoints();
     const { clientWidth: w, clientHeight: h } = this.pane;
+    this.dirty = true;
+    if (!w || !h) return;
+    const points = this.close ? this.workPoints() : this.allPoints();
     const side = this.hasLens && !this.close ? this.lensAt[2] + 14 : 0; // left free for the lens
-    const above = document.getElementById("caption").offsetHeight; // and for what is written
+    const above = Math.min(h / 2, document.getElementById("caption").offsetHeight); // and for what is written
     const share = [(w - side) / w, (h - above) / h];
+    this.camera.aspect = w / h; // aim() reads it
     const target = this.aim(this.camera, points, this.direction(), this.close ? 1.3 : 1.06, share);
     this.camera.setViewOffset(w, h, side / 2, -above / 2, w, h);
     this.viewer.controls.target.copy(target);
     this.viewer.controls.update();
-    this.dirty = true;
   }
 
   // Fit both panes, if their size is another than before.
