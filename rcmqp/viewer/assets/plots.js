@@ -25,7 +25,11 @@ class Plots {
       const at = event.clientX - this.figure.getBoundingClientRect().left - axis._offset;
       if (at >= -4 && at <= axis._length + 4) seek(axis.p2l(at));
     };
-    this.figure.addEventListener("pointerdown", jump, true);
+    this.figure.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      this.figure.setPointerCapture(event.pointerId); // plotly covers the page while a button is down
+      jump(event);
+    }, true);
     this.figure.addEventListener("pointermove", (event) => event.buttons & 1 && jump(event), true);
   }
 
