@@ -58,7 +58,7 @@ class Plots {
     const layout = {
       margin: { l: 52, r: 8, t: 16, b: 34 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { size: 11, color: colour("soft"), family: style.fontFamily },
+      font: { size: 11, color: css("soft"), family: style.fontFamily },
       showlegend: false, dragmode: false, hovermode: "x", hoverdistance: 30,
       xaxis: { ...grid, anchor: `y${PLOTS.length}`, title: { text: "time [s]", standoff: 4, font: { size: 11 } }, fixedrange: true,
         range: [0, Math.max(...this.runs.map((run) => run.frames.time.at(-1)))] },
@@ -81,7 +81,7 @@ class Plots {
           line: { color: colour("soft"), width: 1, dash: "dot" } });
       this.runs.forEach((run, i) => {
         const [x, values] = run.curves[name];
-        traces.push({ x, y: values, yaxis: y, type: "scatter", mode: "lines", name: run.label,
+        traces.push({ x, y: values, yaxis: y, type: "scatter", mode: x.length > 1 ? "lines" : "markers", name: run.label,
           line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: DASHES[run.dash] },
           hovertemplate: "%{y:.4~g}<extra></extra>" });
       });
