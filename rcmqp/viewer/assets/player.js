@@ -32,12 +32,17 @@ function fitting() {
   return MAGNIFY.findLast((factor) => factor * most <= 30) ?? 1;
 }
 
+// Decimals of the clock [s]: short runs have more.
+const decimals = Math.max(2, Math.ceil(2 - Math.log10(duration || 1)));
+
 function seek(t) {
   state.time = Math.max(0, Math.min(duration, t));
+  const now = state.time.toFixed(decimals);
   stage.seek(state.time);
   plots?.move(state.time);
   $("time").value = state.time;
-  $("clock").textContent = `${state.time.toFixed(2)} / ${duration.toFixed(2)} s`;
+  $("time").setAttribute("aria-valuetext", `${now} s`);
+  $("clock").textContent = `${now} / ${duration.toFixed(decimals)} s`;
   data.runs.forEach((run, i) => {
     const [, tip, rcm, depth] = $("legend").querySelectorAll("tbody tr")[i].cells;
     tip.textContent = millimetres(sample(run, "tip_error", state.time)[0]);
