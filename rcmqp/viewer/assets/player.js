@@ -28,7 +28,8 @@ let plots = null;
 
 // The largest magnification that keeps the RCM error, at its largest, within 3 cm.
 function fitting() {
-  const most = Math.max(...data.runs.flatMap((run) => [...run.curves.rcm_error[1]]));
+  const all = data.runs.flatMap((run) => [...run.curves.rcm_error[1]]);
+  const most = Math.max(...all.filter(Number.isFinite));
   return MAGNIFY.findLast((factor) => factor * most <= 30) ?? 1;
 }
 
