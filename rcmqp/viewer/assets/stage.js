@@ -223,8 +223,8 @@ class Stage {
     this.data.runs.forEach((run, i) => {
       this.arms[i].pose(t);
       const { line, times } = this.trails[i];
-      const [row, share] = times.length > 1 ? place(times, t) : [0, 0];
-      line.cut(t <= 0 ? 0 : Math.min(times.length - 1, row + (share > 0 ? 1 : 0)));
+      const [row, share] = times.length ? place(times, t) : [0, 0];
+      line.cut(row + (share > 0 ? 1 : 0));
       const pivot = new THREE.Vector3(...sample(run, "pivot", t));
       const slip = new THREE.Vector3(...sample(run, "slip", t));
       this.arrows[i].point(pivot, slip.clone().multiplyScalar(this.magnify));
