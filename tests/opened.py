@@ -57,6 +57,6 @@ def opening(runs: Sequence[Run], folder: Path) -> Iterator[Opened]:
         page.on("pageerror", lambda error: said.append(f"error: {error}"))
 
     with browser() as chromium:
-        context = chromium.new_context(viewport={"width": 800, "height": 520}, offline=True)
+        context = chromium.new_context(viewport={"width": 490, "height": 1020}, offline=True)
         context.on("page", listen)
         yield Opened(open_page(context, file), requests, said)

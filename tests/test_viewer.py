@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import base64
 import dataclasses
+import gzip
 import importlib.util
+import json
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -22,7 +26,7 @@ from rcmqp.viewer.build import run_labels
 from rcmqp.viewer.scene import surroundings
 from rcmqp.viewer.shapes import arm_parts
 from rcmqp.viewer.table import versions_text
-from rcmqp.viewer.timeline import BINS, envelope, frames, slip
+from rcmqp.viewer.timeline import BINS, envelope, frames, slip, stopped
 
 
 def helix(
@@ -224,6 +228,31 @@ def test_a_reference_that_is_missing_now_and_then_does_not_change_the_scene(run:
     assert page([broken])
     insertion = run.insertion()
     assert surroundings(broken, insertion) == surroundings(run, insertion)
+
+
+def test_the_ground_lies_below_the_deepest_tip_of_all_runs(run: Run) -> None:
+    axis = np.array(run.scenario.trocar.axis)
+    deeper = dataclasses.replace(run, tip=run.tip + 0.05 * axis)
+    data = re.search(r'id="data-gz">([^<]+)<', page([run, deeper]))
+    assert data is not None
+    packed = gzip.decompress(base64.b64decode(data[1]))
+    header, _ = json.JSONDecoder().raw_decode(packed[4:].decode("latin-1"))
+    expected = np.linalg.norm(deeper.tip - run.pivot, axis=1).max()
+    assert header["scene"]["deepest"] == pytest.approx(expected)
+
+
+def test_a_page_is_light_unless_dark_is_asked_for(run: Run) -> None:
+    for dark, theme in ((False, "light"), (True, "dark")):
+        assert f'<html lang="en" data-theme="{theme}">' in page([run], dark=dark)
+
+
+def test_safe_stops_too_near_to_be_told_apart_are_one(run: Run) -> None:
+    assert stopped(run).shape == (0, 2)
+    time, T = run.time, run.period
+    short = dataclasses.replace(run, stops={"no view": [3, 9], "too fast": [4]})
+    assert_allclose(stopped(short), [[time[3], time[4] + T], [time[9], time[9] + T]])
+    long = dataclasses.replace(short, time=np.append(time[:-1], 1e4))
+    assert_allclose(stopped(long), [[time[3], time[9] + T]])
 
 
 def test_a_page_is_the_same_text_twice(run: Run) -> None:

@@ -149,6 +149,17 @@ def test_each_run_has_its_own_trail_and_the_main_run_its_desired_one(
         assert shown.js("rcmqp.shown('desired')") == [main == 0, main == 1]
 
 
+def test_a_trail_goes_on_to_the_frame_that_the_tip_goes_to(shown: Opened, runs: list[Run]) -> None:
+    for i, run in enumerate(runs):
+        speed = np.linalg.norm(np.diff(run.tip, axis=0), axis=1)
+        k = int(np.argmax(speed))
+        assert speed[k] > 1e-4
+        shown.seek(run.time[k : k + 2].mean())
+        assert_allclose(shown.js("run => rcmqp.trail(run)", i)[-3:], run.tip[k + 1], atol=3e-5)
+        shown.seek(0.0)
+        assert shown.js("run => rcmqp.trail(run)", i) == []
+
+
 def test_the_main_runs_arm_is_solid_and_the_others_are_ghosts(shown: Opened) -> None:
     for main, ghosts in ((0, False), (0, True), (1, False), (1, True)):
         shown.js(f"rcmqp.choose({{main: {main}, ghosts: {str(ghosts).lower()}}})")
@@ -238,6 +249,7 @@ def test_the_table_says_the_metrics_of_every_run(shown: Opened, runs: list[Run])
     def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
+    seen = {"depth of the tip [mm]"}
     for i, run in enumerate(runs):
         for name, expected in {
             "tip error, rms [mm]": 1e3 * rms(run.tip_error),
@@ -246,11 +258,24 @@ def test_the_table_says_the_metrics_of_every_run(shown: Opened, runs: list[Run])
             "RCM error, max [mm]": 1e3 * run.rcm_error.max(),
             "orientation error, rms [mrad]": 1e3 * rms(run.orientation_error),
             "joint speed over its limit, max": np.abs(run.v / run.velocity_limit).max(),
+            "joint acceleration over its limit, max": np.abs(
+                np.diff(run.v, axis=0, prepend=0.0) / run.period / run.acceleration_limit
+            ).max(),
+            "margin to joint limits, least [rad]": min(
+                (run.angles - run.lower).min(), (run.upper - run.angles).min()
+            ),
             "singular value, least": run.singular_value.min(),
+            "tip speed asked for, rms [mm/s]": 1e3
+            * rms(np.linalg.norm(np.diff(run.tip_d, axis=0), axis=1) / run.period),
+            "controller step, median [\u00b5s]": 1e6 * np.median(run.solve_time),
+            "cycles in the safe stop": 0.0,
         }.items():
-            assert float(cells[name][i]) == pytest.approx(expected, rel=6e-3), name
+            rounded = 0.5 if "median" in name else 5e-4
+            assert float(cells[name][i]) == pytest.approx(expected, rel=6e-3, abs=rounded), name
+            seen.add(name)
         low, high = (float(x) for x in cells["depth of the tip [mm]"][i].split(" to "))
         assert_allclose([low, high], 1e3 * box(run.depth[:, None]).ravel(), rtol=0, atol=0.06)
+    assert seen == set(cells)
 
 
 def test_the_close_up_makes_way_for_limits_that_it_would_cover(shown: Opened) -> None:

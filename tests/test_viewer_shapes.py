@@ -90,6 +90,14 @@ def test_a_ball_is_smooth_and_its_points_are_shared() -> None:
     assert_allclose(ball.points[ball.faces], kept, rtol=0, atol=GRAIN)
 
 
+@pytest.mark.parametrize(("degrees", "points"), [(30.0, 4), (40.0, 6)])
+def test_facets_share_points_up_to_an_edges_angle(degrees: float, points: int) -> None:
+    turn = pin.utils.rotate("y", np.radians(degrees))
+    left = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0]], dtype=float)
+    right = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) @ turn.T
+    assert len(smooth(np.array([left, right])).points) == points
+
+
 def test_a_box_keeps_its_edges() -> None:
     corners = []
     for axis, side in itertools.product(range(3), (-1.0, 1.0)):

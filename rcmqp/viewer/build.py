@@ -23,7 +23,7 @@ from rcmqp.run import Run
 from rcmqp.scenario import Scenario
 from rcmqp.viewer.bundle import Bundle, compressed
 from rcmqp.viewer.table import metrics_table, versions_text
-from rcmqp.viewer.timeline import curves, frames
+from rcmqp.viewer.timeline import curves, frames, stopped
 
 MAY_DIFFER = ("period", "seed")
 """Fields of a scenario that may differ between runs of one page."""
@@ -185,6 +185,7 @@ def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> s
                     name: [bundle.floats(array) for array in curve]
                     for name, curve in curves(run).items()
                 },
+                "stops": stopped(run).tolist(),
             }
             for i, (run, label) in enumerate(zip(runs, labels, strict=True))
         ],

@@ -6,7 +6,7 @@ import html
 from collections.abc import Callable, Iterable, Sequence
 
 from rcmqp.metrics import Metrics, against_limit, compute_metrics
-from rcmqp.palette import colour
+from rcmqp.palette import colour, dash
 from rcmqp.run import Run
 
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
@@ -26,21 +26,25 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
 
 
 def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
-    """Metrics down, runs across."""
+    """Metrics down, runs across; what rests on numbers that are missing is missing."""
     found = [compute_metrics(run) for run in runs]
+    rows = [(name, [text(metrics) for metrics in found]) for name, text in ROWS]
+    stops = [sum(map(len, run.stops.values())) for run in runs]
+    rows.append(("cycles in the safe stop", [str(count) for count in stops]))
     heads = "".join(
-        f'<th><i style="background:{colour(i)}"></i>{html.escape(label)}</th>'
+        f'<th><span class="mark"><i class="run {dash(i)}" style="color:{colour(i)}"></i>'
+        f"{html.escape(label)}</span></th>"
         for i, label in enumerate(labels)
     )
-    lines = [
-        f"<tr><td>{html.escape(name)}</td>"
-        + "".join(f"<td>{html.escape(text(metrics))}</td>" for metrics in found)
-        + "</tr>"
-        for name, text in ROWS
-    ]
-    return (
-        f"<table><thead><tr><th></th>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+    lines = "".join(
+        f"<tr><td>{html.escape(name)}</td>{''.join(map(_cell, texts))}</tr>"
+        for name, texts in rows
     )
+    return f"<table><thead><tr><th></th>{heads}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def _cell(text: str) -> str:
+    return f"<td>{'missing' if 'nan' in text else html.escape(text)}</td>"
 
 
 def versions_text(runs: Sequence[Run]) -> str:

@@ -1,4 +1,4 @@
-"""What a page plays of a run: frames for the scene, curves for the plots."""
+"""What a page plays of a run: frames for the scene, curves and safe stops for the plots."""
 
 from __future__ import annotations
 
@@ -61,6 +61,18 @@ def curves(run: Run) -> dict[str, tuple[Array, Array]]:
         "singular_value": run.singular_value,
     }
     return {name: envelope(run.time, value) for name, value in values.items()}
+
+
+def stopped(run: Run) -> Array:
+    """When the controller was in its safe stop: (s, 2) begin and end of each stretch [s].
+
+    Stretches that are too near to each other to be told apart are one.
+    """
+    times = run.time[sorted(row for cycles in run.stops.values() for row in cycles)]
+    apart = max(1.5 * run.period, run.time[-1] / BINS)
+    first = np.diff(times, prepend=-np.inf) > apart
+    last = np.diff(times, append=np.inf) > apart
+    return np.column_stack([times[first], times[last] + run.period])
 
 
 def envelope(time: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:

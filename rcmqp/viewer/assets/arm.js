@@ -113,7 +113,7 @@ class Arm {
     const turn = new MeshCat.THREE.Quaternion();
     const slide = new MeshCat.THREE.Vector3();
     this.joints.forEach((joint, i) => {
-      turn.setFromAxisAngle(joint.angular, angles[i]);
+      turn.setFromAxisAngle(joint.angular, angles[i] * joint.angular.length()); // 0 where it slides
       slide.copy(joint.linear).multiplyScalar(angles[i]).applyQuaternion(joint.rest.quaternion);
       this.links[i].quaternion.copy(joint.rest.quaternion).multiply(turn);
       this.links[i].position.copy(joint.rest.position).add(slide);

@@ -36,12 +36,13 @@ function readData(buffer) {
   return data;
 }
 
-// Where a time falls in an array that rises: the frame before, and how far it is to the next.
+// Where a time falls in an array that rises: the frame before, and how far it is to the next; at
+// the last frame, or alone, it is 0.
 function place(times, t) {
   let low = 0;
   let high = times.length - 1;
   if (t <= times[0]) return [0, 0];
-  if (t >= times[high]) return [high - 1, 1];
+  if (t >= times[high]) return [high, 0];
   while (high - low > 1) {
     const middle = (low + high) >> 1;
     if (times[middle] <= t) low = middle;
@@ -50,13 +51,14 @@ function place(times, t) {
   return [low, (t - times[low]) / (times[high] - times[low])];
 }
 
-// Row of an array of frames at a time, straight between the frames before and after it.
+// Row of an array of frames at a time, straight between the frames before and after it. Missing
+// numbers (NaN) do not reach into frames that have them.
 function sample(run, name, t) {
   const array = run.frames[name];
   const width = array.length / run.frames.time.length;
   const [row, share] = place(run.frames.time, t);
   return Array.from({ length: width }, (_, i) => {
     const at = row * width + i;
-    return array[at] + share * (array[at + width] - array[at]);
+    return share === 0 ? array[at] : array[at] + share * (array[at + width] - array[at]);
   });
 }

@@ -28,21 +28,28 @@ let plots = null;
 
 // The largest magnification that keeps the RCM error, at its largest, within 3 cm.
 function fitting() {
-  const most = Math.max(...data.runs.flatMap((run) => [...run.curves.rcm_error[1]]));
+  const all = data.runs.flatMap((run) => [...run.curves.rcm_error[1]]);
+  const most = Math.max(...all.filter(Number.isFinite));
   return MAGNIFY.findLast((factor) => factor * most <= 30) ?? 1;
 }
 
+// Decimals of the clock [s]: short runs have more.
+const decimals = Math.max(2, Math.ceil(2 - Math.log10(duration || 1)));
+
 function seek(t) {
   state.time = Math.max(0, Math.min(duration, t));
+  const now = state.time.toFixed(decimals);
   stage.seek(state.time);
   plots?.move(state.time);
   $("time").value = state.time;
-  $("clock").textContent = `${state.time.toFixed(2)} / ${duration.toFixed(2)} s`;
+  $("time").setAttribute("aria-valuetext", `${now} s`);
+  $("clock").textContent = `${now} / ${duration.toFixed(decimals)} s`;
   data.runs.forEach((run, i) => {
     const [, tip, rcm, depth] = $("legend").querySelectorAll("tbody tr")[i].cells;
     tip.textContent = millimetres(sample(run, "tip_error", state.time)[0]);
     rcm.textContent = millimetres(Math.hypot(...sample(run, "slip", state.time)));
-    depth.textContent = `${(1e3 * sample(run, "depth", state.time)[0]).toFixed(1)} mm`;
+    const [deep] = sample(run, "depth", state.time);
+    depth.textContent = Number.isNaN(deep) ? "missing" : `${(1e3 * deep).toFixed(1)} mm`;
   });
 }
 
@@ -62,14 +69,17 @@ function choose(changes) {
   document.body.toggleAttribute("data-limits", limits); // shows their marks
   $("magnify").value = magnify;
   $("speed").value = state.speed;
-  [...$("legend").querySelectorAll("tbody tr")].forEach((row, i) => row.classList.toggle("main", i === main));
+  [...$("legend").querySelectorAll("tbody tr")].forEach((row, i) => {
+    row.classList.toggle("main", i === main);
+    row.querySelector("button").setAttribute("aria-pressed", i === main);
+  });
   if (changes.main !== undefined) plots?.draw(main);
 }
 
 function theme(name) {
   document.documentElement.dataset.theme = name;
   $("theme").setAttribute("aria-pressed", name === "dark");
-  stage.theme(name);
+  stage.paint();
   plots?.draw(state.main);
 }
 
@@ -112,35 +122,39 @@ function furnishControls() {
     event.preventDefault();
     act(event);
   });
-  // What was clicked does not keep the keys to itself.
-  const release = (event) => event.detail !== 0 && document.activeElement.blur();
-  for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", release);
-  for (const id of ["time", "speed", "magnify"]) $(id).addEventListener("change", release);
   data.runs.forEach((run, i) => {
     const row = $("legend").querySelector("tbody").insertRow();
     for (let cell = 0; cell < 4; cell++) row.insertCell();
-    row.cells[0].append(mark("", run.label, run.colour));
-    row.title = "click: the arm of this run is solid, and the endoscope is its own";
+    const button = document.createElement("button");
+    button.append(mark(`run ${run.dash}`, run.label, { color: run.colour }));
+    button.title = "the arm of this run is solid, and the endoscope is its own";
+    row.cells[0].append(button);
     row.addEventListener("click", () => choose({ main: i }));
-    $("caption").append(mark("", run.label, run.colour));
+    $("caption").append(mark("solid", run.label, { color: run.colour }));
   });
+  // What was clicked does not keep the keys to itself.
+  const release = (event) => event.detail !== 0 && document.activeElement.blur();
+  for (const button of document.querySelectorAll("button")) button.addEventListener("click", release);
+  for (const id of ["time", "speed", "magnify"]) $(id).addEventListener("change", release);
   const { targets, spheres, obstacles } = data.scene;
   const there = {
     "desired tip": [0], target: targets, sphere: spheres, obstacle: obstacles,
     "cone of the shaft": [0], "depths of the tip": [0],
+    "safe stop": solo ? [] : data.runs.flatMap((run) => run.stops), // in the plots
   };
+  const pie = spheres.map(({ colour }) => `rgb(${colour.map((x) => 255 * x)})`);
   for (const name in there) {
     if (!there[name].length) continue;
-    $("caption").append(mark(name.split(" ")[0], name));
-    $("keys").querySelector("br").before(mark(name.split(" ")[0], name));
+    for (const [place, next] of [[$("caption"), null], [$("keys"), $("keys").querySelector("br")]])
+      place.insertBefore(mark(name.split(" ")[0], name, name === "sphere" ? { background: `conic-gradient(${pie})` } : {}), next);
   }
 }
 
-// A swatch and what it stands for.
-function mark(name, text, colour = "") {
+// A swatch of a kind and style, and what it stands for.
+function mark(kind, text, style = {}) {
   const [all, swatch] = ["span", "i"].map((tag) => document.createElement(tag));
-  swatch.className = name;
-  swatch.style.background = colour;
+  swatch.className = kind;
+  Object.assign(swatch.style, style);
   all.className = "mark";
   all.append(swatch, text);
   return all;
@@ -185,12 +199,23 @@ window.rcmqp = {
   theme,
   draw: () => stage.render(),
   pose: (run, link) => stage.arms[run].matrix(link),
+  // Where the scene's pane shows a point of the world: to the right of and below its corner [px].
+  pixel(point) {
+    stage.camera.updateMatrixWorld();
+    const { x, y } = new MeshCat.THREE.Vector3(...point).project(stage.camera);
+    return [((1 + x) / 2) * stage.pane.clientWidth, ((1 - y) / 2) * stage.pane.clientHeight];
+  },
   // Corners of boxes around what has a name, in the world [m].
   boxes: (name) => stage.things[name].map((object) => {
     object.updateWorldMatrix(true, true);
     const { min, max } = new MeshCat.THREE.Box3().setFromObject(object);
     return [min.toArray(), max.toArray()];
   }),
+  // Points of a run's trail as far as it is drawn, x, y, z one after the other.
+  trail(run) {
+    const { geometry } = stage.trails[run].line;
+    return [...geometry.attributes.end.array.subarray(0, 2 * geometry.drawRange.count)].filter((_, i) => i % 12 < 3);
+  },
   // Whether each of what has a name is there; how an arm is: solid, ghost or hidden.
   shown: (name) => stage.things[name].map((object) => object.visible),
   arm: (run) => stage.arms[run].look,

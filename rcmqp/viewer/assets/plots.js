@@ -25,7 +25,11 @@ class Plots {
       const at = event.clientX - this.figure.getBoundingClientRect().left - axis._offset;
       if (at >= -4 && at <= axis._length + 4) seek(axis.p2l(at));
     };
-    this.figure.addEventListener("pointerdown", jump, true);
+    this.figure.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      this.figure.setPointerCapture(event.pointerId); // plotly covers the page while a button is down
+      jump(event);
+    }, true);
     this.figure.addEventListener("pointermove", (event) => event.buttons & 1 && jump(event), true);
   }
 
@@ -47,18 +51,21 @@ class Plots {
 
   draw(main) {
     const style = getComputedStyle(document.body);
-    const colour = (name) => style.getPropertyValue(`--${name}`).trim();
-    const grid = { gridcolor: colour("line"), linecolor: colour("soft"), zeroline: false, automargin: false };
+    const grid = { gridcolor: css("line"), linecolor: css("soft"), zeroline: false, automargin: false };
     const gap = 0.085;
     const height = (1 - gap * (PLOTS.length - 1)) / PLOTS.length;
     const layout = {
       margin: { l: 52, r: 8, t: 16, b: 34 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { size: 11, color: colour("soft"), family: style.fontFamily },
+      font: { size: 11, color: css("soft"), family: style.fontFamily },
       showlegend: false, dragmode: false, hovermode: "x", hoverdistance: 30,
       xaxis: { ...grid, anchor: `y${PLOTS.length}`, title: { text: "time [s]", standoff: 4, font: { size: 11 } }, fixedrange: true,
-        range: [0, Math.max(...this.runs.map((run) => run.frames.time.at(-1)))] },
-      annotations: [], shapes: [],
+        range: [0, Math.max(...this.runs.map((run) => run.frames.time.at(-1))) || 1] },
+      annotations: [],
+      shapes: this.runs.flatMap((run) => run.stops.map(([x0, x1]) => ({ // where it stopped safely
+        type: "rect", x0, x1, yref: "paper", y0: 0, y1: 1, layer: "below", opacity: 0.18,
+        fillcolor: run.colour, line: { color: run.colour, width: 1 },
+      }))),
     };
     const traces = [];
     PLOTS.forEach(([name, title], row) => {
@@ -71,13 +78,13 @@ class Plots {
         ...(log ? { type: "log", range: log, dtick: Math.ceil((log[1] - log[0]) / 5) } : { rangemode: "tozero" }),
       };
       layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left",
-        yanchor: "bottom", showarrow: false, font: { size: 11.5, color: colour("ink") } });
+        yanchor: "bottom", showarrow: false, font: { size: 11.5, color: css("ink") } });
       if (name === "speed_ratio" && this.runs.some((run) => run.curves[name][1].some((v) => v > 0.6)))
         layout.shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: y, y0: 1, y1: 1,
-          line: { color: colour("soft"), width: 1, dash: "dot" } });
+          line: { color: css("soft"), width: 1, dash: "dot" } });
       this.runs.forEach((run, i) => {
         const [x, values] = run.curves[name];
-        traces.push({ x, y: values, yaxis: y, type: "scatter", mode: "lines", name: run.label,
+        traces.push({ x, y: values, yaxis: y, type: "scatter", mode: x.length > 1 ? "lines" : "markers", name: run.label,
           line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: DASHES[run.dash] },
           hovertemplate: "%{y:.4~g}<extra></extra>" });
       });

@@ -2,8 +2,12 @@
 
 const ARM_LAYER = 1; // seen from outside only: the endoscope would look at its own inside
 const INSIDE_LAYER = 2; // seen through the endoscope only
-const CONE = 0xb9b27a, DEPTHS = 0x6f6b2f; // of the limits; no run has them
 const WALL = 0.1; // radius of the patch of abdominal wall [m]
+
+// What page.css says of a name: a colour, or how dark shadows are.
+function css(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}
 
 function standard(colour, extra = {}) {
   const material = new MeshCat.THREE.MeshPhongMaterial({ shininess: 30, specular: 0x1c1c1c, ...extra });
@@ -61,9 +65,9 @@ function makeLimits(scene) {
     cone.push(new THREE.Vector2(r * Math.sin(angle), -r * Math.cos(angle)));
     if (r <= 0) continue;
     const cap = new THREE.SphereGeometry(r, 72, 24, 0, 2 * Math.PI, Math.PI - angle, angle);
-    group.add(new THREE.Mesh(cap, skin(DEPTHS)));
+    group.add(new THREE.Mesh(cap, skin(css("depths"))));
   }
-  group.add(new THREE.Mesh(new THREE.LatheGeometry(cone, 96), skin(CONE)));
+  group.add(new THREE.Mesh(new THREE.LatheGeometry(cone, 96), skin(css("cone"))));
   for (const mesh of group.children) mesh.renderOrder = 4;
   group.visible = false;
   return group;

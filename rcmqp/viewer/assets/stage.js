@@ -1,12 +1,6 @@
 // The 3-D scene in Meshcat's viewer, seen from outside, close up, and through the endoscope.
 
 const VIEW_ANGLE = 26; // of the outside camera [deg]
-const THEMES = {
-  light: { paper: 0xffffff, desired: 0xb4bac0, shadow: 0.16 },
-  dark: { paper: 0x15181c, desired: 0x6b747d, shadow: 0.45 },
-};
-const TARGET = 0xf0e442;
-const OBSTACLE = 0x8d6f8f;
 
 class Stage {
   constructor(pane, scopePane, data) {
@@ -19,6 +13,8 @@ class Stage {
     for (const name of ["Grid", "Axes", "Lights"]) viewer.delete_path([name]);
     viewer.set_property(["Background"], "visible", false);
     const canvas = scopePane.querySelector("canvas");
+    const about = { role: "img", "aria-label": "the arm, its instrument in the trocar, and the trails of the tip" };
+    for (const name in about) viewer.renderer.domElement.setAttribute(name, about[name]);
     this.scope = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
     this.scope.setClearColor(0x2a0f0d, 1);
     viewer.renderer.shadowMap.type = THREE.PCFShadowMap;
@@ -59,13 +55,13 @@ class Stage {
     this.add("limits", makeLimits(scene), site);
     this.add("ground", makeGround(scene), site);
     for (const centre of scene.targets)
-      this.add("targets", makeBall(centre, 0.003, standard(TARGET, { emissive: 0x554d00 })), this.moving);
+      this.add("targets", makeBall(centre, 0.003, standard(css("target"), { emissive: 0x554d00 })), this.moving);
     for (const { centre, radius, colour } of scene.spheres)
       this.add("spheres", makeBall(centre, radius, standard(new THREE.Color(...colour))), this.moving);
     for (const { centre, radius } of scene.obstacles)
-      this.add("obstacles", makeBall(centre, radius, standard(OBSTACLE, { transparent: true, opacity: 0.85 })));
+      this.add("obstacles", makeBall(centre, radius, standard(css("obstacle"), { transparent: true, opacity: 0.85 })));
     this.desired = runs.map((run) => // the main run's is shown: seed and controller may make others
-      this.add("desired", thickLine(trail(run, "tip_d").points, 0xb4bac0, 3.2 + 1.8 * runs.length)));
+      this.add("desired", thickLine(trail(run, "tip_d").points, css("desired"), 3.2 + 1.8 * runs.length)));
     this.trails = runs.map((run, i) => {
       const { points, times } = trail(run, "tip");
       const line = this.add("trails", thickLine(points, run.colour, 2.4));
@@ -162,16 +158,18 @@ class Stage {
   }
 
   frame() {
-    const points = this.close ? this.workPoints() : this.allPoints();
     const { clientWidth: w, clientHeight: h } = this.pane;
+    this.dirty = true;
+    if (!w || !h) return;
+    const points = this.close ? this.workPoints() : this.allPoints();
     const side = this.hasLens && !this.close ? this.lensAt[2] + 14 : 0; // left free for the lens
-    const above = document.getElementById("caption").offsetHeight; // and for what is written
+    const above = Math.min(h / 2, document.getElementById("caption").offsetHeight); // and for what is written
     const share = [(w - side) / w, (h - above) / h];
+    this.camera.aspect = w / h; // aim() reads it
     const target = this.aim(this.camera, points, this.direction(), this.close ? 1.3 : 1.06, share);
     this.camera.setViewOffset(w, h, side / 2, -above / 2, w, h);
     this.viewer.controls.target.copy(target);
     this.viewer.controls.update();
-    this.dirty = true;
   }
 
   // Fit both panes, if their size is another than before.
@@ -192,11 +190,11 @@ class Stage {
     this.frame();
   }
 
-  theme(name) {
-    const theme = THEMES[name];
-    this.viewer.renderer.setClearColor(theme.paper, 1);
-    for (const line of this.desired) line.material.uniforms.colour.value.set(theme.desired);
-    this.floor.material.opacity = theme.shadow;
+  // Take the colours of the page, as they are now.
+  paint() {
+    this.viewer.renderer.setClearColor(css("paper"), 1);
+    for (const line of this.desired) line.material.uniforms.colour.value.set(css("desired"));
+    this.floor.material.opacity = Number(css("shadow"));
     this.dirty = true;
   }
 
@@ -225,8 +223,8 @@ class Stage {
     this.data.runs.forEach((run, i) => {
       this.arms[i].pose(t);
       const { line, times } = this.trails[i];
-      const [row, share] = times.length > 1 ? place(times, t) : [0, 0];
-      line.cut(t <= 0 ? 0 : Math.min(times.length - 1, row + (share > 0 ? 1 : 0)));
+      const [row, share] = times.length ? place(times, t) : [0, 0];
+      line.cut(row + (share > 0 ? 1 : 0));
       const pivot = new THREE.Vector3(...sample(run, "pivot", t));
       const slip = new THREE.Vector3(...sample(run, "slip", t));
       this.arrows[i].point(pivot, slip.clone().multiplyScalar(this.magnify));
@@ -295,13 +293,14 @@ class Stage {
   label(size) {
     const text = this.pane.querySelector("#slip");
     const drawn = this.magnify * size > LEAST_ARROW ? `drawn \u00d7${this.magnify}` : "too small to draw";
-    text.textContent = `RCM error ${millimetres(size)}, ${drawn}`;
+    text.textContent = `RCM error ${millimetres(size)}${Number.isNaN(size) ? "" : `, ${drawn}`}`;
   }
 }
 
 // A length [m] in millimetres, with three significant digits; what is rounding is not told apart.
 function millimetres(x) {
   const mm = 1e3 * x;
+  if (Number.isNaN(mm)) return "missing";
   if (mm < 1e-9) return "<1e-9 mm";
   return `${mm < 1e-3 ? mm.toExponential(2) : mm.toPrecision(3)} mm`;
 }
