@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import os
 import shutil
+import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +35,10 @@ FLAGS = (
 
 PATIENCE = 120.0
 """How long a page may take to open, on a slow machine without a graphics card [s]."""
+
+
+INTERRUPTION = 0.3
+"""How much later Ctrl-C may be heard of than its consequences [s]."""
 
 
 def chromium_path() -> str:
@@ -75,19 +82,27 @@ def browser() -> Iterator[Browser]:
     from playwright.sync_api import Error, sync_playwright
 
     flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else list(FLAGS)
-    with sync_playwright() as playwright:
-        try:
-            chromium = playwright.chromium.launch(
-                executable_path=executable,
-                args=flags,
-                handle_sigint=False,  # it is closed below
-            )
-        except Error as error:
-            raise ViewError(f"{executable} does not start: {_in_short(error)}") from error
-        try:
-            yield chromium
-        finally:
-            chromium.close()
+    said = sys.stderr
+    try:
+        with sync_playwright() as playwright:
+            try:
+                chromium = playwright.chromium.launch(
+                    executable_path=executable,
+                    args=flags,
+                    handle_sigint=False,  # it is closed below
+                )
+            except Error as error:
+                raise _failed(f"{executable} does not start", error) from error
+            try:
+                yield chromium
+            except KeyboardInterrupt:
+                sys.stderr = io.StringIO()  # playwright complains of how it was ended
+                raise
+            finally:
+                with suppress(Error):  # Ctrl-C may have ended what drives it
+                    chromium.close()
+    finally:
+        sys.stderr = said
 
 
 def open_page(chromium: Browser | BrowserContext, file: Path, pane: str = "") -> Page:
@@ -110,7 +125,7 @@ def open_page(chromium: Browser | BrowserContext, file: Path, pane: str = "") ->
         opened.wait_for_selector("html[data-ready], html[data-failed]", state="attached")
         failure = opened.evaluate("document.documentElement.dataset.failed")
     except Error as error:
-        raise ViewError(f"{file} does not open in Chromium: {_in_short(error)}") from error
+        raise _failed(f"{file} does not open in Chromium", error) from error
     if failure is not None:
         raise ViewError(f"{file} does not open in Chromium: {failure}")
     return opened
@@ -150,9 +165,15 @@ def opened(
                 window = chromium.new_context(viewport=viewport, device_scale_factor=density)
                 yield open_page(window, file, pane)
             except Error as error:
-                raise ViewError(f"Chromium stopped at its work: {_in_short(error)}") from error
+                raise _failed("Chromium stopped at its work", error) from error
 
 
-def _in_short(error: Error) -> str:
-    """What playwright says first; its log of calls follows."""
-    return error.message.partition("\n")[0]
+def _failed(what: str, error: Error) -> ViewError:
+    """What failed, and what playwright says first; its log of calls follows.
+
+    Raises:
+        KeyboardInterrupt: it failed by Ctrl-C, which ends what drives Chromium, too.
+    """
+    time.sleep(INTERRUPTION)
+    first = error.message.partition("\n")[0]
+    return ViewError(f"{what}: {first}")
