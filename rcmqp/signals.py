@@ -6,8 +6,8 @@ import contextlib
 import math
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
+from time import monotonic
 from typing import Any, ParamSpec, TypeVar
 
 ENDING = [
@@ -57,13 +57,13 @@ class KeptSignals:
             KeyboardInterrupt: it hung, and a signal came.
         """
         try:
-            self._since = time.monotonic()
+            self._since = monotonic()
             return function(*args, **kwargs)
         finally:
             self._since = math.inf
 
     def _note(self, number: int, frame: object) -> None:
         self.caught = self.caught or number
-        if time.monotonic() - self._since > self._patience:
+        if monotonic() - self._since > self._patience:
             self._since = math.inf
             raise KeyboardInterrupt
