@@ -441,9 +441,8 @@ def test_a_command_may_be_twenty_periods_late(insertion: rcmqp.Insertion, period
 FAULTS_BEFORE: dict[str, tuple[str, dict[str, Any]]] = {
     "NaN": ("not finite", {"spoil": lambda k, q: q * np.nan}),
     "short": (r"shape \(6,\), it must be \(7,\)", {"spoil_v": lambda k, v: v[:6]}),
-    "fast": ("panda_joint2 moves before the loop", {"spoil_v": lambda k, v: v - 2.2 * ODD}),
+    "fast": ("panda_joint2 moves before the loop", {"spoil_v": lambda k, v: v - 2.2 * np.eye(7)[1]}),
 }
-ODD = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("name", FAULTS_BEFORE)
@@ -740,10 +739,10 @@ def test_a_stop_after_a_stall_knows_that_the_joints_went_on(where: str) -> None:
         go_on()
         return robot.q, robot.v
 
-    def send(command: Array) -> None:
+    def send(v: Array) -> None:
         go_on()
-        robot.v = command
-        robot.sent.append(command)
+        robot.v = v
+        robot.sent.append(v)
         wait("send")
 
     def references(t: float) -> Stamped:
@@ -803,6 +802,8 @@ def test_braking_is_at_once_where_no_acceleration_limit_is_known(
     found = stopped(insertion, insertion.angles_start, np.full(7, 0.3))
     assert found.shape == (1, 7)
     assert (found == 0.0).all()
+
+
 
 
 # Around it ---------------------------------------------------------------------------------

@@ -39,10 +39,25 @@ static inline double *space_of(PyObject *object, npy_intp size, const char *name
     return numbers;
 }
 
+/* The next three call Python, which must not be called once an argument has failed. */
+
+/* A number; -1, with a Python error, if it is none. */
+static inline double number_of(PyObject *object)
+{
+    return PyErr_Occurred() ? -1.0 : PyFloat_AsDouble(object);
+}
+
+/* Whether it is true; -1, with a Python error, if it does not say. */
+static inline int truth_of(PyObject *object)
+{
+    return PyErr_Occurred() ? -1 : PyObject_IsTrue(object);
+}
+
 /* A count from 0 to `most`; -1, with a Python error, if it is none. */
 static inline int count_of(PyObject *object, long most, const char *name)
 {
     int overflow = 0;
+    if (PyErr_Occurred()) return -1;
     const long value = PyLong_AsLongAndOverflow(object, &overflow);
     if (PyErr_Occurred()) return -1;
     if (overflow || value < 0 || value > most) {
