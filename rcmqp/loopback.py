@@ -25,6 +25,9 @@ from rcmqp.simulated_arm import HOST, TOO_OLD, Account, Packets, insertion_of
 PATIENCE = 0.02
 """How old the newest state may be before the arm is taken for gone [s]."""
 
+HELLO = 1.0
+"""How long the first state may take [s]."""
+
 TURN = 8.0
 """How long the tip takes for a circle [s]."""
 
@@ -72,7 +75,7 @@ class UdpArm:
         """
         self._packets, self.sent, self.readings = packets, 0, Readings()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._udp.settimeout(1.0)
+        self._udp.settimeout(HELLO)
         try:
             self._udp.connect((HOST, port))
             self._udp.send(b"hello")
@@ -80,7 +83,8 @@ class UdpArm:
         except OSError as error:
             self.close()
             raise ArmLost(
-                f"nothing came back from port {port} within 1 s ({error}); is the arm running?"
+                f"nothing came back from port {port} within {HELLO:g} s ({error}); "
+                "is the arm running?"
             ) from error
         self._udp.setblocking(False)
         self._came = time.perf_counter()
