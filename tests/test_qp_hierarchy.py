@@ -103,11 +103,11 @@ def test_an_answer_does_not_depend_on_what_was_solved_before() -> None:
         hard = rng.normal(size=(m, n)), rng.normal(size=m)
         return [Level(rng.normal(size=(3, n)), rng.normal(size=3))], Bounds(-box[0], box[1], *hard)
 
-    for seed in range(40):
+    for seed in range(20):
         answers = []
-        for before in (1000, 2000):
-            Hierarchy("active_set").solve(*problem(before + seed, 13, 40))
-            found = Hierarchy("active_set", max_rounds=2).solve(*problem(seed, 6, 20))
+        for before in ((6, 20), (13, 40)):
+            Hierarchy("active_set").solve(*problem(1000 + seed, *before))
+            found = Hierarchy("active_set", max_rounds=1).solve(*problem(seed, 6, 20))
             answers.append((found.v, [(level.kkt, level.route) for level in found.levels]))
         assert np.array_equal(answers[0][0], answers[1][0])
         assert answers[0][1] == answers[1][1]
