@@ -22,7 +22,7 @@ static void cross(const double *a, const double *b, double *out)
 /* R a and R^T a of a rotation (3, 3) */
 static void turned(const double *R, const double *a, double *out)
 {
-    for (int i = 0; i < 3; ++i) out[i] = R[3 * i] * a[0] + R[3 * i + 1] * a[1] + R[3 * i + 2] * a[2];
+    for (int i = 0; i < 3; ++i, R += 3) out[i] = R[0] * a[0] + R[1] * a[1] + R[2] * a[2];
 }
 
 static void turned_back(const double *R, const double *a, double *out)
@@ -49,9 +49,11 @@ static void placement(const double *x, double *R, double *p)
 {
     const double w = x[0], i = x[1], j = x[2], k = x[3];
     double conj[4], t[4];
-    R[0] = w * w + i * i - j * j - k * k, R[1] = 2.0 * (i * j - w * k), R[2] = 2.0 * (i * k + w * j);
-    R[3] = 2.0 * (i * j + w * k), R[4] = w * w - i * i + j * j - k * k, R[5] = 2.0 * (j * k - w * i);
-    R[6] = 2.0 * (i * k - w * j), R[7] = 2.0 * (j * k + w * i), R[8] = w * w - i * i - j * j + k * k;
+    R[0] = w * w + i * i - j * j - k * k;
+    R[4] = w * w - i * i + j * j - k * k;
+    R[8] = w * w - i * i - j * j + k * k;
+    R[1] = 2.0 * (i * j - w * k), R[2] = 2.0 * (i * k + w * j), R[5] = 2.0 * (j * k - w * i);
+    R[3] = 2.0 * (i * j + w * k), R[6] = 2.0 * (i * k - w * j), R[7] = 2.0 * (j * k + w * i);
     conjugated(x, conj);
     multiplied(x + 4, conj, t);
     for (int a = 0; a < 3; ++a) p[a] = 2.0 * t[a + 1];
@@ -100,7 +102,8 @@ static void bend(const Cycle *cycle, const double *r, double *out)
         cross(omega, twist, b);
         for (int i = 0; i < 3; ++i) change[i] += a[i] - b[i];
         cross(twist + 3, omega, a);
-        for (int i = 0; i < 3; ++i) change[3 + i] += a[i], twist[i] += nu[i], twist[3 + i] += omega[i];
+        for (int i = 0; i < 3; ++i)
+            change[3 + i] += a[i], twist[i] += nu[i], twist[3 + i] += omega[i];
     }
     turned_back(cycle->R, cycle->pivot_dot, carried);
     cross(r, twist + 3, a);
