@@ -84,7 +84,8 @@ def run_realtime(
     In the main thread a signal is noted, and the loop looks for it once a cycle; during the stop
     it changes nothing. Where read(), send(), the reference or the controller hangs for longer
     than ``lateness``, it is left by a KeyboardInterrupt. The report, which is returned all the
-    same, tells of it: to end the program is for the caller.
+    same, tells of it: to end the program is for the caller. SIGQUIT (Ctrl-backslash) is left
+    alone: it ends the program where it is, and no stop is sent.
 
     The controller is told the velocity that was sent last, as simulate() does: a measured one lags
     behind, and is used at the start only. Where the controller itself answers with its safe stop,
