@@ -97,13 +97,13 @@ def as_command(v: ArrayLike, arm: Arm, controller: str) -> Array:
     command = np.array(v, dtype=float)
     if command.shape != (arm.nv,) or not np.isfinite(command).all():
         raise InvalidCommand(f"{controller} answered {command}, not {arm.nv} finite numbers")
-    check_speed(
-        command,
-        arm,
-        f"was to move by {controller}'s command",
-        "take hierarchical_qp, or velocity_limit=scale where the controller has that option",
-    )
-    command = np.asarray(np.clip(command, -arm.velocity, arm.velocity))
+    if np.any(np.abs(command) > arm.velocity):
+        what = f"was to move by {controller}'s command"
+        remedy = (
+            "take hierarchical_qp, or velocity_limit=scale where the controller has that option"
+        )
+        check_speed(command, arm, what, remedy)
+        command = np.clip(command, -arm.velocity, arm.velocity)
     command.setflags(write=False)
     return command
 
@@ -118,7 +118,7 @@ def check_speed(v: Array, arm: Arm, what: str, remedy: str) -> None:
         remedy: what to do.
 
     Raises:
-        LoopFault: there is one; the fastest for its limit is named.
+        LoopFault: there is one; the farthest above its limit is named.
     """
     if np.any(np.abs(v) > (1.0 + SLACK) * arm.velocity):
         k = int(np.argmax(np.abs(v) - arm.velocity))
