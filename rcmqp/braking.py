@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -22,8 +23,8 @@ def braking(
 
     Each is slower() of the one before, at the angles to which the joints have gone meanwhile. The
     shaft goes on through the place where it is nearest to the trocar now: the RCM error does not
-    grow, however well the trocar is known. Where the angles are not known, all joints
-    slow down in proportion.
+    grow, however well the trocar is known. Where the angles are not known, or that takes more
+    than twice as long as it need, all joints slow down in proportion.
 
     Args:
         insertion: whose arm, and its limits.
@@ -35,7 +36,8 @@ def braking(
     arm, v = insertion.arm, _known(v)
     held: Array | None = None  # in the world [m]
     q = arm.configuration(angles) if np.isfinite(angles).all() else None
-    while True:
+    twice = 2.0 * float(np.max(np.abs(v) / (arm.acceleration * period)))
+    for cycle in itertools.count():
         rows = sideways = None
         if q is not None:  # v holds until the next one
             q = arm.integrate(q, v, period)
@@ -46,7 +48,7 @@ def braking(
             seen = state.oMe.actInv(held)
             rows = lateral(state.J_local, float(seen[2]))
             sideways = min(GAIN, 0.5 / period) * seen[:2]
-        v = slower(arm, angles, v, period, rows, sideways)
+        v = slower(arm, angles, v, period, rows if cycle < twice else None, sideways)
         v.setflags(write=False)
         if q is not None:
             angles = arm.angles(q)

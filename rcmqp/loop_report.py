@@ -23,11 +23,13 @@ class Stop:
         at: when, from the start [s].
         fault: why; empty where the duration was over.
         error: what was raised, for who wants its traceback; None where nothing was.
+        signal: number of the signal that came during the loop or its stop; 0 for none.
     """
 
     at: float
     fault: str
     error: BaseException | None = None
+    signal: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import select
 import socket
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from typing import Any
 
 from rcmqp.controllers import make_controller
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import RcmqpError
+from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.loop_report import LoopReport, markdown
 from rcmqp.paths import Circle
 from rcmqp.priority import real_time_priority
@@ -26,9 +25,14 @@ from rcmqp.simulated_arm import HOST, TOO_OLD, Account, Packets, insertion_of
 PATIENCE = 0.02
 """How old the newest state may be before the arm is taken for gone [s]."""
 
+HELLO = 1.0
+"""How long the first state may take [s]."""
+
 TURN = 8.0
 """How long the tip takes for a circle [s]."""
 
+LONGEST = 86400.0
+"""A day [s]."""
 
 BUSY = "import select, sys\nwhile not select.select([sys.stdin], [], [], 0)[0]: pass"
 """What a busy core does, until its stdin closes."""
@@ -46,7 +50,7 @@ class Readings:
         received: states that arrived.
         lost: numbers left out before the highest that arrived, and never seen.
         overtaken: states that a newer one overtook before they were read.
-        again: readings that found no new state and gave the last one again.
+        again: readings that found no newer state and gave the last one again.
     """
 
     received: int = 0
@@ -67,17 +71,22 @@ class UdpArm:
         """Say hello, and wait for the first state.
 
         Raises:
-            ArmLost: none comes within a second.
+            ArmLost: none comes within a second, or nobody is there.
         """
         self._packets, self.sent, self.readings = packets, 0, Readings()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._udp.connect((HOST, port))
-        self._udp.send(b"hello")
-        if not select.select([self._udp], [], [], 1.0)[0]:
+        self._udp.settimeout(HELLO)
+        try:
+            self._udp.connect((HOST, port))
+            self._udp.send(b"hello")
+            self._newest = packets.read_state(self._udp.recv(4096))
+        except OSError as error:
             self.close()
-            raise ArmLost(f"nothing came back from port {port} within 1 s; is the arm running?")
+            raise ArmLost(
+                f"nothing came back from port {port} within {HELLO:g} s ({error}); "
+                "is the arm running?"
+            ) from error
         self._udp.setblocking(False)
-        self._newest = packets.read_state(self._udp.recv(4096))
         self._came = time.perf_counter()
 
     def read(self) -> tuple[Array, Array]:
@@ -86,25 +95,22 @@ class UdpArm:
         Raises:
             ArmLost: it is older than 20 ms.
         """
-        number, arrived = self._newest[0], 0
+        before, readings = self._newest, self.readings
         while True:
             try:
                 packet = self._udp.recv(4096)
             except BlockingIOError:
                 break
             state = self._packets.read_state(packet)
-            arrived += 1
-            if state[0] > self._newest[0]:
+            left_out = state[0] - self._newest[0] - 1
+            readings.received += 1
+            readings.overtaken += left_out < 0 or self._newest is not before
+            readings.lost = max(0, readings.lost + max(-1, left_out))  # an older one is back
+            if left_out >= 0:
                 self._newest, self._came = state, time.perf_counter()
-        if arrived:
-            readings = self.readings
-            readings.received += arrived
-            readings.overtaken += arrived - 1
-            readings.lost += self._newest[0] - number - arrived
-        else:
-            self.readings.again += 1
-            if (age := time.perf_counter() - self._came) > PATIENCE:
-                raise ArmLost(f"the arm's newest state is {age:.3f} s old, allowed {PATIENCE} s")
+        readings.again += self._newest is before
+        if (age := time.perf_counter() - self._came) > PATIENCE:
+            raise ArmLost(f"the arm's newest state is {age:.3f} s old, allowed {PATIENCE} s")
         return self._newest[1:]
 
     def send(self, v: Array) -> None:
@@ -192,7 +198,7 @@ def run_loopback(
     came, so that a command has half a period to arrive in.
 
     Args:
-        duration: how long [s].
+        duration: how long [s], a day at most.
         arm: its name.
         controller: its name.
         period: of both ends [s].
@@ -202,8 +208,14 @@ def run_loopback(
 
     Raises:
         ArmLost: the other process does not come up.
-        RcmqpError: there is no such arm, controller or option, or no such priority.
+        OptionError: the duration or an option is not allowed, or no such priority.
+        RcmqpError: there is no such arm or controller.
     """
+    if not 0.0 < duration <= LONGEST:
+        raise OptionError(
+            f"duration = {duration:g} s, it must be positive and finite, a day ({LONGEST:g} s) "
+            "at most"
+        )
     insertion = insertion_of(arm)
     made = make_controller(controller, insertion, period, **options)
     path = Circle(turns=max(1.0, round(duration / TURN)), duration=max(TURN, duration))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import gc
 import math
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +18,19 @@ from rcmqp.braking import braking
 from rcmqp.controllers.base import Controller
 from rcmqp.deadlines import Deadlines
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import InvalidCommand, OptionError, RcmqpError
+from rcmqp.errors import OptionError
+from rcmqp.loop_checks import (
+    LoopFault,
+    Stamped,
+    as_command,
+    as_reading,
+    check_speed,
+    check_stamp,
+)
 from rcmqp.loop_report import LoopReport, Stop
-from rcmqp.reference import Reference
+from rcmqp.signals import KeptSignals
+
+__all__ = ["LoopFault", "Robot", "Stamped", "run_realtime"]
 
 WARM_UP = 20
 """Steps before the loop, not sent: the first may compile, load or allocate."""
@@ -45,23 +54,6 @@ class Robot(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stamped:
-    """A reference, and when it was made.
-
-    Attributes:
-        reference: what the controller is told.
-        at: the time that it is for, from the start of the loop [s].
-    """
-
-    reference: Reference
-    at: float
-
-
-class LoopFault(RcmqpError):
-    """A reference is too old, or a command too late, to be followed."""
-
-
 def run_realtime(
     robot: Robot,
     controller: Controller,
@@ -80,13 +72,20 @@ def run_realtime(
     took: read, reference, control, send. A command that leaves after the next cycle is due has
     missed its deadline; cycles that are over by then are skipped, not made up for.
 
-    Every run ends in the safe stop ``brake``: at the end of ``duration``, on Ctrl-C or SIGTERM,
-    and at once where a reading or a command is not finite, the reference is stale, a command
-    would be late or took to send by more than ``lateness``, or anything raises an exception. From
-    the last velocity sent the joints slow down as fast as their acceleration limits allow, the
-    shaft staying on the trocar, see braking(); where that would carry one over a position limit,
-    each slows down by itself as fast as it may. Zero is then held for 0.2 s. No command is sent
-    twice. That a reading is old the loop cannot tell: read() has to raise where its newest one is.
+    Every run ends in the safe stop ``brake``: at the end of ``duration``, on Ctrl-C, SIGTERM or
+    SIGHUP, and at once where a reading or a command is not finite, a command is faster than the
+    joint's speed limit, the reference is stale, a command would be late or took to send by more
+    than ``lateness``, or anything raises an exception. From the last velocity sent the joints
+    slow down as fast as their acceleration limits allow, the shaft staying on the trocar, see
+    braking(); where that would carry one over a position limit, each slows down by itself as fast
+    as it may. Zero is then held for 0.2 s. No command is sent twice. That a reading is old the
+    loop cannot tell: read() has to raise where its newest one is.
+
+    In the main thread a signal is noted, and the loop looks for it once a cycle; during the stop
+    it changes nothing. Where read(), send(), the reference or the controller hangs for longer
+    than ``lateness``, it is left by a KeyboardInterrupt. The report, which is returned all the
+    same, tells of it: to end the program is for the caller. SIGQUIT (Ctrl-backslash) is left
+    alone: it ends the program where it is, and no stop is sent.
 
     The controller is told the velocity that was sent last, as simulate() does: a measured one lags
     behind, and is used at the start only. Where the controller itself answers with its safe stop,
@@ -112,8 +111,8 @@ def run_realtime(
 
     Raises:
         OptionError: a time is not allowed.
-        RcmqpError: before the loop, while nothing moves: whatever reading, reference or
-            controller refuse in the warm-up.
+        RcmqpError: before the loop, while nothing moves: what would end it is refused in the
+            warm-up, and so is a joint that is faster than it may be.
     """
     period = controller.period
     lateness = LATENESS * period if lateness is None else lateness
@@ -126,7 +125,7 @@ def run_realtime(
     timing = Deadlines(period, spin, clock, sleep)
     loop = _Loop(robot, controller, references, timing, reference_age, lateness)
     loop.warm_up()
-    with _no_garbage_collection(), _on_signals(TERMINATES):
+    with loop.signals.kept(), _no_garbage_collection():
         return loop.run(duration)
 
 
@@ -145,30 +144,35 @@ class _Loop:
         self.robot, self.controller, self.references = robot, controller, references
         self.timing = timing
         self.reference_age, self.lateness = reference_age, lateness
+        self.signals = KeptSignals(lateness)
         self.arm = controller.insertion.arm
-        self.v, self.angles = np.zeros(self.arm.nv), self.arm.home
+        self.v, self.angles, self.read_at = np.zeros(self.arm.nv), self.arm.home, 0.0
         self.pivot = np.array(controller.insertion.trocar.pivot)
         self.controller_stops = self.unsent = 0
 
     def warm_up(self) -> None:
         """Let everything run once that the loop will, but for sending."""
         for _ in range(WARM_UP):
-            q, self.v = self._read()  # nothing is commanded yet, so the measured velocity
+            q, self.v = as_reading(self.robot.read(), self.arm)  # measured: nothing is commanded
+            check_speed(self.v, self.arm, "moves before the loop begins", "let the arm rest")
             self._command(0.0, q)
         self.controller.reset()
         self.controller_stops = 0
 
     def run(self, duration: float) -> LoopReport:
-        """Cycles until ``duration`` [s], a fault or Ctrl-C, then the safe stop."""
-        timing = self.timing
+        """Cycles until ``duration`` [s], a fault or a signal, then the safe stop."""
+        timing, signals = self.timing, self.signals
         timing.begin()
+        self.read_at = -timing.period  # the reading of the warm-up
         stop = Stop(duration, "")
         try:
             while timing.due < duration:
                 timing.wait()
+                if signals.caught:
+                    raise KeyboardInterrupt
                 self._cycle()
         except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the report has it)
-            stop = Stop(timing.now(), _reason(error), error)
+            stop = Stop(timing.now(), _reason(error, signals.caught), error)
         finally:  # on sys.exit(), too
             braking_cycles = self._brake()
         return LoopReport(
@@ -182,58 +186,32 @@ class _Loop:
             unsent=self.unsent,
             wake=timing.wake.latency(),
             answer=timing.answer.latency(),
-            stop=stop,
+            stop=dataclasses.replace(stop, signal=signals.caught),
         )
 
     def _cycle(self) -> None:
-        v = self._command(self.timing.now(), self._read()[0])
-        late = self.timing.now() - self.timing.due
+        timing, call = self.timing, self.signals.call
+        now = timing.now()
+        q, _ = as_reading(call(self.robot.read), self.arm)
+        v = call(self._command, now, q)
+        late = timing.now() - timing.due
         if late > self.lateness:
             raise LoopFault(f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s")
-        self.robot.send(v)
+        call(self.robot.send, v)
         self.v = v
-        held = self.timing.now() - self.timing.due
-        self.timing.sent()
+        held = timing.now() - timing.due
+        timing.sent()
         if held > self.lateness:
             raise LoopFault(f"send() took until {held:.4g} s, allowed {self.lateness:.4g} s")
 
-    def _read(self) -> tuple[Array, Array]:
-        """Configuration (nq,) and joint velocity (nv,) [rad/s] as measured now.
-
-        Raises:
-            InvalidCommand: one is not finite.
-        """
-        q, v = (np.array(values, dtype=float) for values in self.robot.read())
-        for name, values in (("configuration q", q), ("joint velocity v", v)):
-            if not np.isfinite(values).all():
-                raise InvalidCommand(f"{name} is not finite, as it was read: {values}")
-        return q, v
-
     def _command(self, now: float, q: Array) -> Array:
-        """What the controller answers to a reading of q (nq,) and the newest reference."""
-        newest = self.references(now)
-        if not isinstance(newest, Stamped):
-            raise InvalidCommand(
-                f"references({now:.4g}) answered a {type(newest).__name__}; it must be "
-                "Stamped(reference, at)"
-            )
-        if not now - newest.at <= self.reference_age:
-            raise LoopFault(
-                f"the newest reference is {now - newest.at:.4g} s old, allowed "
-                f"{self.reference_age:.4g} s"
-            )
-        if newest.at - now > self.timing.period:
-            raise LoopFault(
-                f"the newest reference is stamped {newest.at - now:.4g} s in the future; stamp "
-                "references with the time that the loop asks with, counted from its start"
-            )
+        """What the controller answers to a reading of q (nq,), not older than ``now`` [s]."""
+        period = self.timing.period
+        newest = check_stamp(self.references(now), now, self.reference_age, ahead=period)
         state = self.controller.insertion.state(q, self.v)
         answer = self.controller.step(state, newest.reference)
-        command = np.array(answer.v, dtype=float)
-        if command.shape != self.v.shape or not np.isfinite(command).all():
-            raise InvalidCommand(f"{self.controller.name} answered {command}, not {self.v.shape}")
-        command.setflags(write=False)
-        self.angles = state.angles
+        command = as_command(answer.v, self.arm, self.controller.name)
+        self.angles, self.read_at = state.angles, now
         if np.isfinite(newest.reference.pivot).all():
             self.pivot = np.asarray(newest.reference.pivot, dtype=float)
         self.controller_stops += answer.diagnostics.get("safe_stop", 0.0) > 0.0
@@ -241,63 +219,40 @@ class _Loop:
 
     def _brake(self) -> int:
         """The safe stop, sent whatever else fails; in how many cycles."""
-        before = self.timing.cycles
-        with _on_signals(IGNORED):
-            for v in self._to_rest():
-                with contextlib.suppress(Exception):  # what cannot wait must still stop
-                    self._wait_through()
-                with contextlib.suppress(Exception, KeyboardInterrupt):  # not what moves the arm
-                    self.robot.read()
-                try:
-                    self.robot.send(v)
-                except (Exception, KeyboardInterrupt):  # noqa: BLE001  (the next may get through)
-                    self.unsent += 1
-                with contextlib.suppress(Exception, KeyboardInterrupt):
-                    self.timing.sent()
+        before, reads = self.timing.cycles, True
+        for v in self._to_rest():
+            with contextlib.suppress(BaseException):  # what cannot wait must still stop
+                self.timing.wait()
+            if reads:  # to keep in touch, as long as that does not hold up what is to be sent
+                reads = self._keeps_in_touch()
+            try:
+                self.signals.call(self.robot.send, v)
+            except BaseException:  # noqa: BLE001  (the next may get through)
+                self.unsent += 1
+            with contextlib.suppress(BaseException):
+                self.timing.sent()
         return self.timing.cycles - before
+
+    def _keeps_in_touch(self) -> bool:
+        """Read, whatever comes of it; whether that was quick."""
+        with contextlib.suppress(BaseException):
+            began = self.timing.now()
+            with contextlib.suppress(BaseException):
+                self.signals.call(self.robot.read)
+            return self.timing.now() - began <= self.lateness
+        return False
 
     def _to_rest(self) -> Iterator[Array]:
         """Velocities (nv,) of the safe stop; zero at once if they cannot be found."""
-        insertion, T = self.controller.insertion, self.timing.period
-        zero = np.zeros(self.arm.nv)
+        timing, insertion = self.timing, self.controller.insertion
+        zero, angles = np.zeros(self.arm.nv), self.angles
         zero.setflags(write=False)
-        with contextlib.suppress(Exception, KeyboardInterrupt):  # to stop comes first
-            yield from braking(insertion, self.angles, self.v, T, self.pivot)
-        yield from [zero] * math.ceil(HOLD / T)
-
-    def _wait_through(self) -> None:
-        """Wait for the next cycle, whatever the user presses."""
-        while True:
-            try:
-                self.timing.wait()
-                return
-            except KeyboardInterrupt:
-                continue
-
-
-@contextlib.contextmanager
-def _on_signals(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
-    """What signals do in here, where this is the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _terminate(number: int, frame: object) -> None:
-    """Leave as on sys.exit(), by way of the safe stop."""
-    raise SystemExit(128 + number)
-
-
-TERMINATES = {signal.SIGTERM: _terminate}
-
-IGNORED = {signal.SIGINT: signal.SIG_IGN, signal.SIGTERM: signal.SIG_IGN}
-"""While the arm is being stopped."""
+        with contextlib.suppress(Exception):  # to stop comes first
+            leaves = max(timing.now(), timing.due)  # the first one; until then the joints go on
+            angles = angles + (leaves - timing.period - self.read_at) * self.v
+        with contextlib.suppress(Exception):
+            yield from braking(insertion, angles, self.v, timing.period, self.pivot)
+        yield from [zero] * math.ceil(HOLD / timing.period)
 
 
 @contextlib.contextmanager
@@ -315,7 +270,7 @@ def _no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _reason(error: BaseException) -> str:
+def _reason(error: BaseException, caught: int) -> str:
     if isinstance(error, KeyboardInterrupt):
-        return "interrupted by the user"
+        return f"interrupted ({signal.Signals(caught).name})" if caught else "interrupted"
     return f"{type(error).__name__}: {error}"

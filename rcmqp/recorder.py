@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import glob
 import os
+import platform
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -63,7 +64,8 @@ class Recorder:
         """
         self._path = Path(path).resolve()
         check_replaceable(self._path)
-        self._part = self._path.with_name(f".{self._path.name}.{os.getpid()}.recording")
+        self._stem = f".{self._path.name}.{platform.node()}."  # folders are shared between hosts
+        self._part = self._path.with_name(f"{self._stem}{os.getpid()}.recording")
         self._cycles = Cycles(scenario, controller, versions, block)
         self._scenario, self._size = scenario, block
         self._written = 0
@@ -80,7 +82,6 @@ class Recorder:
         except (OSError, RuntimeError) as error:  # h5py raises either
             self._part.unlink(missing_ok=True)
             raise RunFileError(self._path, f"could not be written: {why(error)}") from error
-        self._file.create_group("diagnostics")
         return self
 
     def append(
@@ -164,10 +165,9 @@ class Recorder:
             self._part.unlink(missing_ok=True)
 
     def _sweep(self) -> None:
-        """Remove what a process that was killed left of this file."""
-        stem = glob.escape(f".{self._path.name}")
-        for left in self._path.parent.glob(f"{stem}.*.recording"):
-            process = left.name.split(".")[-2]
+        """Remove what a process of this machine that was killed left of this file."""
+        for left in self._path.parent.glob(f"{glob.escape(self._stem)}*.recording"):
+            process = left.name[len(self._stem) : -len(".recording")]
             if process.isdecimal() and not _runs(int(process)):
                 left.unlink(missing_ok=True)
 
@@ -201,7 +201,9 @@ class Recorder:
         """What does not change from cycle to cycle, and the digest; as Run.save() writes them."""
         assert self._first is not None
         file, arm = self._file, self._first.arrays()
-        rows = {name: file[name] for name in self._first.rows()} | dict(file["diagnostics"])
+        rows = {name: file[name] for name in self._first.rows()} | dict(
+            file.require_group("diagnostics")
+        )
         for dataset in rows.values():
             dataset.resize(self._written, axis=0)  # a path may end the run before its time
         for item in channels():

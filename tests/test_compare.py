@@ -198,6 +198,20 @@ def test_the_rows_are_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
         assert numbers(on_dask) == numbers(compare(CASES[:2], tmp_path / "here"))
 
 
+def test_limits_are_kept_only_where_speed_acceleration_and_position_are() -> None:
+    short = load_scenario("conical_helix", "lwa3", duration=0.05)
+    run = simulate(short, make_controller("hierarchical_qp", short.insertion(), short.period))
+    found = row_of(run)
+    assert found.limits_kept
+    for name, ratio in (
+        ("velocity_limit", found.speed_ratio_max),
+        ("acceleration_limit", found.acceleration_ratio_max),
+    ):
+        tight = 0.99 * ratio * getattr(run, name)
+        assert not row_of(dataclasses.replace(run, **{name: tight})).limits_kept, name
+    assert not row_of(dataclasses.replace(run, upper=run.angles.max(axis=0) - 1e-3)).limits_kept
+
+
 def test_an_arm_without_acceleration_limits_says_so_and_can_keep_its_limits() -> None:
     short = load_scenario("conical_helix", "ur5", duration=0.1)
     row = row_of(simulate(short, make_controller("dual_quaternion", short.insertion(), 1e-3)))

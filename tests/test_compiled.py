@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import astuple
 from typing import Any
 
@@ -213,6 +214,43 @@ def test_a_row_is_stored_whole_or_refused() -> None:
 
 
 # The record --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("duration", [-1.0, 0.0, np.nan])
+def test_a_drawing_of_no_duration_is_refused(duration: float) -> None:
+    with pytest.raises(ValueError, match="duration must be positive"):
+        _kernel.views(_kernel.CIRCLE, np.ones(4), duration, 0.1, np.zeros(3), 0.1)
+
+
+def test_the_first_argument_that_fails_is_the_error_whatever_comes_after_it() -> None:
+    class Refuses:
+        def __float__(self) -> float:
+            raise ZeroDivisionError
+
+        __bool__ = __index__ = __float__
+
+    bad: Any = Refuses()
+    x, three, table = np.ones(8), np.ones(3), np.ones((1, 8))
+    J, numbers, seven = np.ones((6, 7)), np.ones(7), np.ones(7)
+    kernel: Any = _kernel
+    failing: tuple[Callable[[], object], ...] = (
+        lambda: kernel.law(bad, J, seven, x, x, (None, 1.0, seven), numbers, seven, bad, bad),
+        lambda: kernel.approach(bad, three, x, x, bad, bad, bad, x, three, three, bad, bad),
+        lambda: kernel.observed(bad, table, np.ones((1, 3)), three, bad),
+        lambda: kernel.views(_kernel.CIRCLE, bad, bad, bad, three, bad),
+    )
+    for call in failing:
+        with pytest.raises(TypeError, match="must be a C-contiguous array"):
+            call()
+    raising: tuple[Callable[[], object], ...] = (
+        lambda: kernel.views(bad, np.ones(4), bad, bad, three, bad),
+        lambda: kernel.view_pose(x, *[bad] * 8, three),
+    )
+    for call in raising:
+        with pytest.raises(ZeroDivisionError):
+            call()
+    with pytest.raises(TypeError, match="the objective must be a tuple"):
+        kernel.law(x, J, seven, x, x, bad, numbers, seven, False, 0)
 
 
 @pytest.mark.parametrize("n", [3, 6, 7, 9])

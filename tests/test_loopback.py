@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import signal
 import socket
 import threading
 from collections.abc import Iterator
 from contextlib import closing
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rcmqp import Insertion
-from rcmqp.loopback import ArmLost, Readings, UdpArm, run_loopback
-from rcmqp.simulated_arm import HOST, PATIENCE, TOO_OLD, Box, Packets, insertion_of
+from rcmqp.cli import main
+from rcmqp.errors import OptionError
+from rcmqp.latency import EDGES, Latency
+from rcmqp.loop_report import LoopReport, Stop
+from rcmqp.loopback import ArmLost, LoopbackReport, Readings, UdpArm, run_loopback
+from rcmqp.priority import PRIORITY, real_time_priority
+from rcmqp.simulated_arm import HOST, PATIENCE, TOO_OLD, Account, Box, Packets, insertion_of
 
 T = 0.001
 V = np.full(7, 0.1)
@@ -80,6 +89,23 @@ def test_late_commands_and_cycles_without_one_are_counted(insertion: Insertion) 
     assert (found.late, found.oldest, found.overslept) == (1, 3, 2)
 
 
+def test_a_command_is_late_from_two_cycles_on_and_refused_beyond_twenty(
+    insertion: Insertion,
+) -> None:
+    box = Box(insertion, T)
+    for number, age in enumerate((1, 2, TOO_OLD, TOO_OLD + 1), start=1):
+        for _ in range(age):
+            box.cycle()
+        box.receive(number, box.number - age + 1, V)
+        box.cycle()  # the command is of age - 1 when it comes, and used when it is of age
+    found = box.close()
+    assert (found.used, found.late, found.refused, found.oldest) == (4, 3, 0, TOO_OLD + 1)
+    for _ in range(TOO_OLD + 1):
+        box.cycle()
+    box.receive(5, box.number - TOO_OLD - 1, V)
+    assert box.close().refused == 1
+
+
 def test_the_arm_stops_by_itself_when_no_command_comes(insertion: Insertion) -> None:
     box = Box(insertion, T)
     box.receive(1, 0, V)
@@ -141,10 +167,93 @@ def test_an_arm_that_falls_silent_is_an_error(
             robot.read()
 
 
-def test_no_arm_at_all_is_an_error(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("select.select", lambda *_: ([], [], []))
-    with pytest.raises(ArmLost, match="nothing came back"):
-        UdpArm(peer.getsockname()[1], Packets(7, 7))
+@pytest.mark.parametrize("somebody", [True, False], ids=["silent", "nobody"])
+def test_no_arm_at_all_is_an_error_and_leaves_no_socket(
+    somebody: bool, peer: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rcmqp.loopback.HELLO", 0.01)
+    port = peer.getsockname()[1]
+    if not somebody:
+        peer.close()
+    with pytest.raises(ArmLost, match=f"nothing came back from port {port}"):
+        UdpArm(port, Packets(7, 7))
+    gc.collect()  # a socket left open would be a warning, and that an error
+
+
+def test_an_arm_that_counts_from_the_start_again_is_not_taken_for_the_old_one(
+    peer: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """States come, but none that is newer; after 20 ms that is an arm lost."""
+    clock = [100.0]
+    monkeypatch.setattr("rcmqp.loopback.time.perf_counter", lambda: clock[0])
+    packets, still = Packets(7, 7), np.zeros(7)
+    with closing(_connected(peer, packets)) as robot:
+        peer.send(packets.state(1000, np.ones(7), still))
+        robot.read()
+        robot.send(V)
+        for number in range(4):
+            clock[0] += 0.0049
+            peer.send(packets.state(number, 2.0 * np.ones(7), still))
+            assert robot.read()[0][0] == 1.0
+        assert robot.readings == Readings(received=4, overtaken=4, lost=0, again=4)
+        clock[0] += 0.0049
+        peer.send(packets.state(4, 2.0 * np.ones(7), still))
+        with pytest.raises(ArmLost, match=r"newest state is 0.024|newest state is 0.025"):
+            robot.read()
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf, 6e301, 86401.0])
+def test_a_duration_that_makes_no_sense_is_refused(duration: float) -> None:
+    with pytest.raises(OptionError, match=r"duration = .* s, it must be positive and finite"):
+        run_loopback(duration)
+
+
+@pytest.mark.parametrize(
+    ("number", "fault", "code"),
+    [(0, "", 0), (0, "LoopFault: late", 1), (signal.SIGINT, "", 130), (signal.SIGTERM, "x", 143)],
+)
+def test_the_command_prints_its_report_and_tells_how_it_ended(
+    number: int,
+    fault: str,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    none = Latency((0,) * (len(EDGES) + 1), 0.0, 0.0)
+    stop = Stop(1.0, fault, signal=number)
+    loop = LoopReport("law", T, 7, 7, 0, 0, 0, 0, none, none, stop)
+    made = LoopbackReport(loop, 7, Readings(), Account())
+    monkeypatch.setattr("rcmqp.loopback.run_loopback", lambda *_, **__: made)
+    with pytest.raises(SystemExit) as ended:
+        main(["loopback"])
+    found = capsys.readouterr()
+    assert (ended.value.code or 0) == code
+    assert f"ended | at 1.000 s, {fault or 'as asked'}" in found.out
+    assert ("interrupted" in found.err) == (code > 128)
+
+
+# Priority ----------------------------------------------------------------------------------
+
+
+def test_real_time_priority_ends_with_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_to = list[tuple[Any, ...]]()
+    monkeypatch.setattr("os.sched_getscheduler", lambda _: "usual")
+    monkeypatch.setattr("os.sched_getparam", lambda _: "as before")
+    monkeypatch.setattr("os.sched_setscheduler", lambda *values: set_to.append(values))
+    with real_time_priority():
+        assert set_to == [(0, os.SCHED_FIFO, os.sched_param(PRIORITY))]
+    assert set_to[1:] == [(0, "usual", "as before")]
+
+
+def test_real_time_priority_that_is_not_permitted_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr("os.sched_setscheduler", refused)
+    with pytest.raises(OptionError, match="become root, raise rtprio"), real_time_priority():
+        pass
 
 
 def test_the_loopback_accounts_for_every_command_and_ends_at_rest() -> None:

@@ -128,6 +128,22 @@ def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str)
     assert held >= HELD.get(cut, set())
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_inside_its_margin_is_driven_out_alike(side: float) -> None:
+    free = load_scenario("conical_helix", "panda").insertion()
+    limits = [JointLimits(free.arm, T, margin=0.01)]
+    fused, plain = (HierarchicalQP(free, T, limits=limits) for _ in range(2))
+    object.__setattr__(plain, "_program", None)
+    for k in range(free.arm.nv):
+        angles = free.angles_start.copy()
+        angles[k] = (free.arm.upper if side > 0.0 else free.arm.lower)[k] - side * 0.005
+        state = free.state(free.arm.configuration(angles))
+        reference = view_pose(state.x, ViewCommand())
+        found, expected = fused.step(state, reference), plain.step(state, reference)
+        assert_allclose(found.v, expected.v, rtol=0, atol=1e-12)
+        assert side * found.v[k] < -1e-3
+
+
 def test_a_shaft_opposite_to_the_trocars_axis_is_turned_back_alike() -> None:
     insertion = load_scenario("conical_helix", "panda").insertion()
     state = insertion.state(insertion.q_start)

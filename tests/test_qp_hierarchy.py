@@ -88,6 +88,29 @@ def test_a_rerun_after_reset_gives_the_same_bits(backend: str) -> None:
         return [hierarchy.solve(*arm_like(rng)).v for _ in range(30)]
 
     assert np.array_equal(run(), run())
+    shape = (5, 7)  # the limits, three levels, the rest
+    assert backend == "daqp_levels" or hierarchy.guess(shape).any()
+    hierarchy.reset()
+    assert not hierarchy.guess(shape).any()
+
+
+def test_an_answer_does_not_depend_on_what_was_solved_before() -> None:
+    """Not even where the rounds run out, on what was left in the scratch memory."""
+
+    def problem(seed: int, n: int, m: int) -> tuple[list[Level], Bounds]:
+        rng = np.random.default_rng(seed)
+        box = 10.0 * rng.random((2, n))
+        hard = rng.normal(size=(m, n)), rng.normal(size=m)
+        return [Level(rng.normal(size=(3, n)), rng.normal(size=3))], Bounds(-box[0], box[1], *hard)
+
+    for seed in range(20):
+        answers = []
+        for before in ((6, 20), (13, 40)):
+            Hierarchy("active_set").solve(*problem(1000 + seed, *before))
+            found = Hierarchy("active_set", max_rounds=1).solve(*problem(seed, 6, 20))
+            answers.append((found.v, [(level.kkt, level.route) for level in found.levels]))
+        assert np.array_equal(answers[0][0], answers[1][0])
+        assert answers[0][1] == answers[1][1]
 
 
 def test_nothing_is_shared_between_calls_and_inputs_stay_as_they_were() -> None:

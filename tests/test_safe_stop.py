@@ -28,7 +28,7 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.arm import ArmState
-from rcmqp.braking import slower
+from rcmqp.braking import lateral, slower
 from rcmqp.console import warnings
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.dualquaternion import Array
@@ -165,6 +165,59 @@ def test_braking_heeds_the_limits_of_joints_that_move_and_are_read_only(
     assert_allclose(found, alone, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("room", [-1e-9, 1e-9])
+def test_braking_knows_to_rounding_whether_all_together_stay_inside(room: float) -> None:
+    """The way of a joint: this cycle at v, then ever slower in proportion."""
+    arm, angles = inserted().arm, inserted().angles_start.copy()
+    v, most = np.array([0.4, -0.4, 0.1, -0.1, 0.2, 0.1, 0.3]), T * arm.acceleration
+    together, way, cycles = v, T * v[6], math.ceil(np.max(np.abs(v) / most) - 1e-9)
+    for k in range(1, cycles + 1):
+        way += T * v[6] * (1.0 - k / cycles)
+    together = v * (1.0 - 1.0 / cycles)
+    alone = np.sign(v) * np.maximum(np.abs(v) - most, 0.0)
+    for side in (1.0, -1.0):
+        angles[6] = (arm.upper if side > 0.0 else arm.lower)[6] - side * (way + room)
+        v[6] *= side
+        expected = together if room > 0.0 else alone
+        found = slower(arm, angles, v, T)
+        assert_allclose(found[:6], expected[:6], rtol=0, atol=1e-15)
+        v[6] *= side
+
+
+@pytest.mark.parametrize("worst", [1.0, 0.03])
+def test_braking_does_what_it_is_told_across_the_shaft_however_slight(worst: float) -> None:
+    arm, rng = inserted().arm, np.random.default_rng(7)
+    rows = np.linalg.qr(rng.normal(size=(7, 2)))[0].T * np.array([[1.0], [worst]])
+    v = rng.uniform(-0.3, 0.3, 7)
+    v -= np.linalg.pinv(rows) @ rows @ v
+    sideways = worst * np.array([1e-3, -1e-3])
+    found = slower(arm, inserted().angles_start, v, T, rows, sideways)
+    assert_allclose(rows @ found, sideways, rtol=0, atol=1e-15)
+    assert np.abs(found).max() < 0.99 * np.abs(v).max()
+
+
+@every_controller
+def test_the_safe_stop_keeps_the_shaft_at_rest_across_the_trocar_wherever_it_is(
+    name: str,
+) -> None:
+    """The shaft has gone 3 cm in since the start."""
+    insertion = inserted("panda")
+    arm, controller = insertion.arm, make_controller(name, insertion, 1e-3)
+    q = insertion.q_start
+    for _ in range(1500):
+        reference = view_pose(insertion.x_rcm, ViewCommand(t_z=0.03))
+        v = make_controller("dual_quaternion", insertion, 1e-3).step(insertion.state(q), reference)
+        q = arm.integrate(q, 0.2 * v.v, 1e-3)
+    state = insertion.state(q)
+    depth = float(state.oMe.actInv(np.array(insertion.trocar.pivot))[2])
+    assert depth < -0.02
+    rows = lateral(state.J_local, depth)
+    v_along = np.full(7, 0.2) - np.linalg.pinv(rows) @ rows @ np.full(7, 0.2)
+    answer = controller.safe_stop(insertion.state(q, v_along), "as a test")
+    assert 0.5 < np.linalg.norm(answer.v) / np.linalg.norm(v_along) < 1.0
+    assert_allclose(rows @ answer.v, np.zeros(2), rtol=0, atol=1e-12)
+
+
 class Law(Controller):
     """A law that does what it is told to."""
 
@@ -271,6 +324,19 @@ def test_a_joint_that_is_not_read_for_a_while_stops_the_run_safely_and_is_record
 
 
 # What cannot be done -----------------------------------------------------------------------
+
+
+@every_controller
+@pytest.mark.parametrize("part", [slice(0, 4), slice(4, 8)], ids=["primal", "dual"])
+def test_a_reference_that_is_no_pose_is_answered_by_braking(name: str, part: slice) -> None:
+    """P is no unit quaternion, or D is not orthogonal to it."""
+    insertion, reference = inserted(), view(inserted())
+    x_d = reference.x_d.copy()
+    x_d[part] += 1e-3 * x_d[:4]
+    answer = make_controller(name, insertion, T).step(
+        insertion.state(insertion.q_start), dataclasses.replace(reference, x_d=x_d)
+    )
+    assert answer.stop == "x_d of the reference is no pose"
 
 
 @every_controller

@@ -24,10 +24,10 @@ app = typer.Typer(
     "Try [bold]rcmqp run conical_helix --arm lwa3[/bold], then [bold]rcmqp reproduce[/bold] "
     "for the paper's experiment A.\n\n"
     "Exit codes: 0 done; 1 refused or failed, with the reason on stderr; 2 wrong usage; "
-    "130 interrupted.",
+    "130 interrupted, 143 if by SIGTERM.",
 )
-INTERRUPTED = 130
-"""The exit code after Ctrl-C, by a shell's custom."""
+INTERRUPTED = (130, 143)
+"""The exit codes after Ctrl-C and SIGTERM, by a shell's custom."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
         sys.exit(1)
     except SystemExit as end:
-        if end.code == INTERRUPTED:
+        if end.code in INTERRUPTED:
             more = "; the same command goes on from here" if "study" in given[:1] else ""
             err.print(f"interrupted{more}", highlight=False)
         raise

@@ -32,7 +32,8 @@ def loopback(
       rcmqp loopback --minutes 10 --busy --priority
 
     Prints what the loop and the arm counted: deadlines missed, delays, and where every command
-    went. Ends with exit code 1 where the loop stopped before its time.
+    went. Ends with exit code 1 where the loop stopped before its time, and after Ctrl-C or
+    SIGTERM, which stop the arm first, with 130 or 143.
     """
     from rcmqp.loopback import run_loopback
 
@@ -41,5 +42,6 @@ def loopback(
         60.0 * minutes, arm=arm, controller=controller, busy=busy, priority=priority, **options
     )
     out.print(report.as_markdown(), markup=False, highlight=False, soft_wrap=True)
-    if report.loop.stop.fault:
-        raise typer.Exit(1)
+    stop = report.loop.stop
+    if stop.signal or stop.fault:
+        raise typer.Exit(128 + stop.signal if stop.signal else 1)

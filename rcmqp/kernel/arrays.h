@@ -1,4 +1,6 @@
-/* Python arguments: float64 and int64 arrays, C-contiguous, of the sizes that are expected. */
+/* Python arguments: float64 and int64 arrays, C-contiguous, of the sizes that are expected.
+ *
+ * Once one has failed no other is looked at: Python must not be called with an error set. */
 #ifndef RCMQP_ARRAYS_H
 #define RCMQP_ARRAYS_H
 
@@ -15,6 +17,7 @@
 static inline void *numbers_of(PyObject *object, int type, npy_intp size, const char *name)
 {
     PyArrayObject *array = (PyArrayObject *)object;
+    if (PyErr_Occurred()) return NULL;
     if (!PyArray_Check(object) || PyArray_TYPE(array) != type || !PyArray_ISCARRAY_RO(array)) {
         PyErr_Format(PyExc_TypeError, "%s must be a C-contiguous array of native %s", name,
                      type == NPY_DOUBLE ? "float64" : "int64");
@@ -39,10 +42,23 @@ static inline double *space_of(PyObject *object, npy_intp size, const char *name
     return numbers;
 }
 
+/* A number; -1, with a Python error, if it is none. */
+static inline double number_of(PyObject *object)
+{
+    return PyErr_Occurred() ? -1.0 : PyFloat_AsDouble(object);
+}
+
+/* Whether it is true; -1, with a Python error, if it does not say. */
+static inline int truth_of(PyObject *object)
+{
+    return PyErr_Occurred() ? -1 : PyObject_IsTrue(object);
+}
+
 /* A count from 0 to `most`; -1, with a Python error, if it is none. */
 static inline int count_of(PyObject *object, long most, const char *name)
 {
     int overflow = 0;
+    if (PyErr_Occurred()) return -1;
     const long value = PyLong_AsLongAndOverflow(object, &overflow);
     if (PyErr_Occurred()) return -1;
     if (overflow || value < 0 || value > most) {

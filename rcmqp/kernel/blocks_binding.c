@@ -50,12 +50,14 @@ PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count)
     const Drawing drawing = {
         (Figure)count_of(args[0], LISSAJOUS, "figure"),
         numbers_of(args[1], NPY_DOUBLE, 4, "numbers"),
-        PyFloat_AsDouble(args[2]),
-        PyFloat_AsDouble(args[3]),
+        number_of(args[2]),
+        number_of(args[3]),
     };
     const npy_intp n = size_of(args[4]);
     const double *times = numbers_of(args[4], NPY_DOUBLE, n, "times");
-    const double tip_depth = PyFloat_AsDouble(args[5]);
+    const double tip_depth = number_of(args[5]);
+    if (!PyErr_Occurred() && !(drawing.duration > 0.0))
+        PyErr_SetString(PyExc_ValueError, "duration must be positive");
     double *view = NULL;
     PyObject *made = PyErr_Occurred() ? NULL : table(n, VIEW_NUMBERS, &view);
     for (npy_intp k = 0; made != NULL && k < n; ++k)
@@ -96,7 +98,7 @@ PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count)
     const double *x_d = numbers_of(args[1], NPY_DOUBLE, 8 * n, "x_d");
     const double *pivot = numbers_of(args[2], NPY_DOUBLE, 3 * n, "pivots");
     const double *axis = numbers_of(args[3], NPY_DOUBLE, 3, "axis");
-    const double tip_depth = PyFloat_AsDouble(args[4]);
+    const double tip_depth = number_of(args[4]);
     if (PyErr_Occurred()) return NULL;
     double *tip = NULL, *tip_d = NULL, *seen = NULL;
     PyObject *made[] = {table(n, 3, &tip), table(n, 3, &tip_d), table(n, OBSERVED, &seen)};

@@ -149,7 +149,9 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
         if (same) { /* what decides the optimum stays */
             int count = 0;
             for (int i = 0; i < N; ++i) {
-                if (!(V[i] && over[i] * CARRIED > FROZEN) && !(i < n && fabs(multipliers[i]) > strong)) continue;
+                if (!(V[i] && over[i] * CARRIED > FROZEN) &&
+                    !(i < n && fabs(multipliers[i]) > strong))
+                    continue;
                 memcpy(A + count++ * n, state->G + i * n, sizeof(double) * (size_t)n);
             }
             narrow(state, A, count, arena);

@@ -1,5 +1,8 @@
 #include "drawn.h"
 
+#include "dualquaternion.h"
+#include "linalg.h"
+#include "quaternion.h"
 #include "reference.h"
 
 #include <math.h>
@@ -66,27 +69,18 @@ void view_at(const Drawing *drawing, double t, double tip_depth, double *view)
 /* Origin t (3) and shaft z (3), the third axis, of a pose x (8). */
 static void place(const double *x, double *t, double *z)
 {
-    for (int i = 0; i < 3; ++i) {
-        const int j = (i + 1) % 3, k = (i + 2) % 3;
-        t[i] = 2.0 * (x[5 + i] * x[0] - x[4] * x[1 + i]);
-        t[i] += 2.0 * (x[5 + k] * x[1 + j] - x[5 + j] * x[1 + k]);
-    }
+    dq_translation(x, t);
     z[0] = 2.0 * (x[1] * x[3] + x[0] * x[2]);
     z[1] = 2.0 * (x[2] * x[3] - x[0] * x[1]);
     z[2] = x[0] * x[0] - x[1] * x[1] - x[2] * x[2] + x[3] * x[3];
 }
 
-static double dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* |a x b| */
 static double across(const double *a, const double *b)
 {
-    const double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-                         a[0] * b[1] - a[1] * b[0]};
-    return sqrt(dot(c, c));
+    double c[3];
+    cross(a, b, c);
+    return sqrt(dot(c, c, 3));
 }
 
 /* What a record says of an effector x (8) that should be at x_d (8), the trocar being at pivot (3)
@@ -105,11 +99,11 @@ void observe(const double *x, const double *x_d, const double *pivot, const doub
         turn[i] = x[0] * x_d[1 + i] - x_d[0] * x[1 + i]; /* vector part of P(x)* P(x_d) */
         turn[i] -= x[1 + j] * x_d[1 + k] - x[1 + k] * x_d[1 + j];
     }
-    const double w = x[0] * x_d[0] + dot(x + 1, x_d + 1);
-    seen[TIP_ERROR] = sqrt(dot(tip_way, tip_way));
-    seen[EFFECTOR_ERROR] = sqrt(dot(way, way));
-    seen[ORIENTATION_ERROR] = 2.0 * atan2(sqrt(dot(turn, turn)), fabs(w));
+    const double w = x[0] * x_d[0] + dot(x + 1, x_d + 1, 3);
+    seen[TIP_ERROR] = sqrt(dot(tip_way, tip_way, 3));
+    seen[EFFECTOR_ERROR] = sqrt(dot(way, way, 3));
+    seen[ORIENTATION_ERROR] = 2.0 * atan2(sqrt(dot(turn, turn, 3)), fabs(w));
     seen[RCM_ERROR] = across(z, out);
-    seen[DEPTH] = tip_depth - dot(z, out);
-    seen[TILT] = atan2(across(z, axis), dot(z, axis));
+    seen[DEPTH] = tip_depth - dot(z, out, 3);
+    seen[TILT] = atan2(across(z, axis), dot(z, axis, 3));
 }

@@ -1,14 +1,15 @@
 #include "dualquaternion.h"
 
+#include "quaternion.h"
+
 #include <math.h>
 
 /* Add the product of two quaternions (4) to out (4). */
 static void add_product(const double *x, const double *y, double *out)
 {
-    out[0] += x[0] * y[0] - x[1] * y[1] - x[2] * y[2] - x[3] * y[3];
-    out[1] += x[0] * y[1] + x[1] * y[0] + x[2] * y[3] - x[3] * y[2];
-    out[2] += x[0] * y[2] - x[1] * y[3] + x[2] * y[0] + x[3] * y[1];
-    out[3] += x[0] * y[3] + x[1] * y[2] - x[2] * y[1] + x[3] * y[0];
+    double product[4];
+    q_mul(x, y, product);
+    for (int i = 0; i < 4; ++i) out[i] += product[i];
 }
 
 /* Product of two dual quaternions (8); out (8) is neither of them. */
@@ -23,7 +24,16 @@ void dq_mul(const double *x, const double *y, double *out)
 /* Conjugate (8) of both halves of x (8). */
 void dq_conj(const double *x, double *out)
 {
-    for (int i = 0; i < 8; ++i) out[i] = i % 4 == 0 ? x[i] : -x[i];
+    q_conj(x, out);
+    q_conj(x + 4, out + 4);
+}
+
+/* Translation t (3) of a pose x (8): 2 D(x) P(x)*. */
+void dq_translation(const double *x, double *t)
+{
+    double turn[3];
+    cross(x + 1, x + 5, turn);
+    for (int i = 0; i < 3; ++i) t[i] = 2.0 * (x[5 + i] * x[0] - x[4] * x[1 + i]) + 2.0 * turn[i];
 }
 
 /* Unit dual quaternion x (8), w >= 0, of a placement (7): x, y, z [m], then a quaternion, w last,
@@ -31,7 +41,8 @@ void dq_conj(const double *x, double *out)
 void dq_of_xyzquat(const double *placement, double *x)
 {
     const double *r = placement + 3;
-    const double size = copysign(sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]), r[3]);
+    const double squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3];
+    const double size = copysign(sqrt(squared), r[3]);
     const double half[4] = {0.0, 0.5 * placement[0], 0.5 * placement[1], 0.5 * placement[2]};
     x[0] = r[3] / size;
     for (int i = 0; i < 3; ++i) x[1 + i] = r[i] / size;

@@ -6,6 +6,8 @@ void dq_mul(const double *x, const double *y, double *out);
 
 void dq_conj(const double *x, double *out);
 
+void dq_translation(const double *x, double *t);
+
 void dq_of_xyzquat(const double *placement, double *x);
 
 void dq_carry(const double *x, const double *offset, double share, double *out);

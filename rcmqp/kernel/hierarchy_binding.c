@@ -236,7 +236,8 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
     (void)self;
     if (!counted("step", count, 18)) return NULL;
     if (!PyTuple_Check(args[17]) || PyTuple_GET_SIZE(args[17]) != size_of(args[2]) + 3) {
-        PyErr_SetString(PyExc_ValueError, "names must be a tuple, three more than there are levels");
+        PyErr_SetString(PyExc_ValueError,
+                        "names must be a tuple, three more than there are levels");
         return NULL;
     }
     const npy_intp n = size_of(args[9]);

@@ -40,7 +40,8 @@ void follow(const Law *law, const Sight *sight, double *v, Found *found, Arena *
     const size_t mark = arena->used;
     const int n = law->n;
     const double *numbers = law->numbers;
-    double turn[8], fed[8], wanted[8], seen[RANK] = {0.0}, answer[RANK] = {0.0}, *N = take(arena, 8 * n);
+    double turn[8], fed[8], wanted[8], seen[RANK] = {0.0}, answer[RANK] = {0.0};
+    double *N = take(arena, 8 * n);
     Svd svd;
     see_turn(sight->x, sight->x_d, sight->x_d_dot, turn, fed);
     for (int i = 0; i < 8; ++i) {

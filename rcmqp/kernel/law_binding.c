@@ -33,6 +33,10 @@ static double objective_of(PyObject *aim, const double *J, const double *angles,
                            double *gradient, Arena *arena)
 {
     PyObject *kind = NULL, *first = NULL, *second = NULL;
+    if (!PyTuple_Check(aim)) {
+        PyErr_SetString(PyExc_TypeError, "the objective must be a tuple");
+        return 0.0;
+    }
     if (!PyArg_UnpackTuple(aim, "the objective", 1, 3, &kind, &first, &second)) return 0.0;
     if (kind == Py_None && second != NULL) {
         const double *given = numbers_of(second, NPY_DOUBLE, n, "J_c");
@@ -71,8 +75,8 @@ PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
         (int)n,
         numbers_of(args[6], NPY_DOUBLE, LAW_NUMBERS, "numbers"),
         numbers_of(args[7], NPY_DOUBLE, n, "limits"),
-        PyObject_IsTrue(args[8]),
-        (Limited)PyLong_AsLong(args[9]),
+        truth_of(args[8]),
+        (Limited)count_of(args[9], CLIP, "limited"),
     };
     Arena *arena = PyErr_Occurred() ? NULL : scratch(memory_for_law((int)n));
     if (arena == NULL) return NULL;
@@ -171,7 +175,7 @@ PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
     (void)self;
     if (!counted("view_pose", count, VIEW_NUMBERS + 2)) return NULL;
     double view[VIEW_NUMBERS], *x_d = NULL, *x_d_dot = NULL, *pivot = NULL;
-    for (int i = 0; i < VIEW_NUMBERS; ++i) view[i] = PyFloat_AsDouble(args[1 + i]);
+    for (int i = 0; i < VIEW_NUMBERS; ++i) view[i] = number_of(args[1 + i]);
     if (PyErr_Occurred()) return NULL;
     PyArrayObject *x_rcm = numbers_in(args[0]), *pivot_dot = NULL;
     if (x_rcm != NULL) pivot_dot = numbers_in(args[VIEW_NUMBERS + 1]);
@@ -205,10 +209,10 @@ PyObject *approach(PyObject *self, PyObject *const *args, Py_ssize_t count)
     const Plan plan = {
         numbers_of(args[0], NPY_DOUBLE, 8, "x_rcm"),
         numbers_of(args[1], NPY_DOUBLE, 3, "pivot_0"),
-        (int)PyLong_AsLong(args[5]),
-        PyFloat_AsDouble(args[6]),
-        PyFloat_AsDouble(args[10]),
-        PyFloat_AsDouble(args[11]),
+        count_of(args[5], INT_MAX, "parts"),
+        number_of(args[6]),
+        number_of(args[10]),
+        number_of(args[11]),
     };
     const Wanted wanted = {
         numbers_of(args[7], NPY_DOUBLE, 8, "x_d"),
@@ -217,7 +221,7 @@ PyObject *approach(PyObject *self, PyObject *const *args, Py_ssize_t count)
     };
     const double *x = numbers_of(args[2], NPY_DOUBLE, 8, "x");
     const double *target = numbers_of(args[3], NPY_DOUBLE, 8, "target");
-    Place place = {.left = (int)PyLong_AsLong(args[4])};
+    Place place = {.left = count_of(args[4], INT_MAX, "left")};
     if (PyErr_Occurred()) return NULL;
     double *x_d = NULL, *x_d_dot = NULL;
     PyObject *made[] = {vector(8, &place.x), vector(8, &place.target), vector(8, &x_d),

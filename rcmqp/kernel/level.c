@@ -172,6 +172,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
     int *order = (int *)take(arena, r), stalls = 0, status = -max_rounds;
     memset(held, 0, sizeof(double) * (size_t)k);
     memset(y, 0, sizeof(double) * (size_t)r);
+    memset(multipliers, 0, sizeof(double) * (size_t)k); /* rounds may run out first */
     start_at(problem, proposed, &working, y, arena);
     for (int turn = 0; turn < max_rounds; ++turn) {
         /* the step to the optimum on the working set */

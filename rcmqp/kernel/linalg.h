@@ -6,6 +6,7 @@
 #ifndef RCMQP_LINALG_H
 #define RCMQP_LINALG_H
 
+#include <math.h>
 #include <stddef.h>
 
 /* Rows with less than this left of them are dependent. Matrices come scaled by the norm of their
@@ -33,6 +34,14 @@ static inline double dot(const double *a, const double *b, int n)
     for (; i + 1 < n; i += 2) even += a[i] * b[i], odd += a[i + 1] * b[i + 1];
     if (i < n) even += a[i] * b[i];
     return even + odd;
+}
+
+/* Whether all numbers are finite. */
+static inline int are_finite(const double *numbers, ptrdiff_t count)
+{
+    for (ptrdiff_t i = 0; i < count; ++i)
+        if (!(fabs(numbers[i]) < INFINITY)) return 0;
+    return 1;
 }
 
 static inline double larger(double a, double b) { return a > b ? a : b; }

@@ -33,13 +33,6 @@ static double half_turn(const double *r_l, const double *r_d, double *log)
     return atan2(size, fabs(w));
 }
 
-static int is_finite(const double *numbers, int count)
-{
-    for (int i = 0; i < count; ++i)
-        if (!(fabs(numbers[i]) < INFINITY)) return 0;
-    return 1;
-}
-
 /* Whether x (8) is a unit dual quaternion, as usable() asks of references. */
 static int is_pose(const double *x)
 {
@@ -54,8 +47,8 @@ static int is_pose(const double *x)
 int go_on(const Plan *plan, Place *place, const Wanted *wanted, double *x_d, double *x_d_dot)
 {
     double offset[3], log[3], target[8], r_l[8] = {0.0}, r_d[4], r_t[4];
-    if (!(is_finite(wanted->x_d, 8) && is_pose(wanted->x_d) && is_finite(wanted->pivot, 3) &&
-          is_finite(wanted->pivot_dot, 3)))
+    if (!(are_finite(wanted->x_d, 8) && is_pose(wanted->x_d) && are_finite(wanted->pivot, 3) &&
+          are_finite(wanted->pivot_dot, 3)))
         return 0;
     for (int i = 0; i < 3; ++i) offset[i] = wanted->pivot[i] - plan->pivot_0[i];
     memcpy(target, wanted->x_d, sizeof target);

@@ -4,8 +4,6 @@
 #define NO_IMPORT_ARRAY
 #include "arrays.h"
 
-#include <math.h>
-
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -92,9 +90,7 @@ PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count)
     if (!counted("all_finite", count, 1)) return NULL;
     PyArrayObject *array = numbers_in(args[0]);
     if (array == NULL) return NULL;
-    const double *numbers = PyArray_DATA(array);
-    int all = 1;
-    for (npy_intp i = 0; i < PyArray_SIZE(array); ++i) all = all && fabs(numbers[i]) < INFINITY;
+    const int all = are_finite(PyArray_DATA(array), PyArray_SIZE(array));
     Py_DECREF(array);
     return PyBool_FromLong(all);
 }

@@ -33,9 +33,5 @@ void pose_of_view(const double *x_rcm, const double *view, const double *pivot_d
     dq_mul(x_rcm, local, x_d);
     twist_of_view(view, twist);
     dq_rate(x_d, twist, pivot_dot, x_d_dot);
-    for (int i = 0; i < 3; ++i) {
-        const int j = (i + 1) % 3, k = (i + 2) % 3;
-        pivot[i] = 2.0 * (x_rcm[5 + i] * x_rcm[0] - x_rcm[4] * x_rcm[1 + i]);
-        pivot[i] += 2.0 * (x_rcm[5 + k] * x_rcm[1 + j] - x_rcm[5 + j] * x_rcm[1 + k]);
-    }
+    dq_translation(x_rcm, pivot);
 }

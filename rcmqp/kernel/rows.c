@@ -1,6 +1,8 @@
 #include "rows.h"
 
+#include "dualquaternion.h"
 #include "pose.h"
+#include "quaternion.h"
 
 #include <math.h>
 #include <string.h>
@@ -12,17 +14,10 @@
 
 #define PI 3.14159265358979323846
 
-static void cross(const double *a, const double *b, double *out)
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /* R a and R^T a of a rotation (3, 3) */
 static void turned(const double *R, const double *a, double *out)
 {
-    for (int i = 0; i < 3; ++i) out[i] = R[3 * i] * a[0] + R[3 * i + 1] * a[1] + R[3 * i + 2] * a[2];
+    for (int i = 0; i < 3; ++i, R += 3) out[i] = R[0] * a[0] + R[1] * a[1] + R[2] * a[2];
 }
 
 static void turned_back(const double *R, const double *a, double *out)
@@ -30,31 +25,16 @@ static void turned_back(const double *R, const double *a, double *out)
     for (int i = 0; i < 3; ++i) out[i] = R[i] * a[0] + R[3 + i] * a[1] + R[6 + i] * a[2];
 }
 
-/* Product of quaternions, w first; conjugate: a* b. */
-static void multiplied(const double *a, const double *b, double *out)
-{
-    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
-}
-
-static void conjugated(const double *a, double *out)
-{
-    out[0] = a[0], out[1] = -a[1], out[2] = -a[2], out[3] = -a[3];
-}
-
-/* Rotation (3, 3) and translation (3) of a unit dual quaternion; t = 2 D(x) P(x)*. */
+/* Rotation (3, 3) and translation (3) of a unit dual quaternion. */
 static void placement(const double *x, double *R, double *p)
 {
     const double w = x[0], i = x[1], j = x[2], k = x[3];
-    double conj[4], t[4];
-    R[0] = w * w + i * i - j * j - k * k, R[1] = 2.0 * (i * j - w * k), R[2] = 2.0 * (i * k + w * j);
-    R[3] = 2.0 * (i * j + w * k), R[4] = w * w - i * i + j * j - k * k, R[5] = 2.0 * (j * k - w * i);
-    R[6] = 2.0 * (i * k - w * j), R[7] = 2.0 * (j * k + w * i), R[8] = w * w - i * i - j * j + k * k;
-    conjugated(x, conj);
-    multiplied(x + 4, conj, t);
-    for (int a = 0; a < 3; ++a) p[a] = 2.0 * t[a + 1];
+    R[0] = w * w + i * i - j * j - k * k;
+    R[4] = w * w - i * i + j * j - k * k;
+    R[8] = w * w - i * i - j * j + k * k;
+    R[1] = 2.0 * (i * j - w * k), R[2] = 2.0 * (i * k + w * j), R[5] = 2.0 * (j * k - w * i);
+    R[3] = 2.0 * (i * j + w * k), R[6] = 2.0 * (i * k - w * j), R[7] = 2.0 * (j * k + w * i);
+    dq_translation(x, p);
 }
 
 /* Fill in the placements, and the desired twist omega + eps nu = 2 x_d* x_d_dot. */
@@ -63,12 +43,12 @@ void see(Cycle *cycle)
     double primal[4], dual[4], a[4], b[4];
     placement(cycle->x, cycle->R, cycle->p);
     placement(cycle->x_d, cycle->R_d, cycle->p_d);
-    conjugated(cycle->x_d, primal);
-    conjugated(cycle->x_d + 4, dual);
-    multiplied(primal, cycle->x_d_dot, a);
+    q_conj(cycle->x_d, primal);
+    q_conj(cycle->x_d + 4, dual);
+    q_mul(primal, cycle->x_d_dot, a);
     for (int i = 0; i < 3; ++i) cycle->omega_d[i] = 2.0 * a[i + 1];
-    multiplied(primal, cycle->x_d_dot + 4, a);
-    multiplied(dual, cycle->x_d_dot, b);
+    q_mul(primal, cycle->x_d_dot + 4, a);
+    q_mul(dual, cycle->x_d_dot, b);
     for (int i = 0; i < 3; ++i) cycle->nu_d[i] = 2.0 * (a[i + 1] + b[i + 1]);
 }
 
@@ -100,7 +80,8 @@ static void bend(const Cycle *cycle, const double *r, double *out)
         cross(omega, twist, b);
         for (int i = 0; i < 3; ++i) change[i] += a[i] - b[i];
         cross(twist + 3, omega, a);
-        for (int i = 0; i < 3; ++i) change[3 + i] += a[i], twist[i] += nu[i], twist[3 + i] += omega[i];
+        for (int i = 0; i < 3; ++i)
+            change[3 + i] += a[i], twist[i] += nu[i], twist[3 + i] += omega[i];
     }
     turned_back(cycle->R, cycle->pivot_dot, carried);
     cross(r, twist + 3, a);
@@ -150,8 +131,8 @@ static void tip_rows(const Cycle *cycle, double gain, double depth, double *A, d
 static void roll_rows(const Cycle *cycle, double gain, double *A, double *b)
 {
     double conj[4], s[4];
-    conjugated(cycle->x_d, conj);
-    multiplied(conj, cycle->x, s);
+    q_conj(cycle->x_d, conj);
+    q_mul(conj, cycle->x, s);
     if (s[0] < 0.0)
         for (int i = 0; i < 4; ++i) s[i] = -s[i];
     const double w = s[0], x = s[1], y = s[2], z = s[3], size = w * w + z * z;

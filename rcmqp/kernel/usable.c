@@ -22,9 +22,7 @@ static int vector_of(PyObject *object, npy_intp size, const double **numbers)
         (size >= 0 && PyArray_SIZE(array) != size))
         return 0;
     *numbers = PyArray_DATA(array);
-    for (npy_intp i = 0; i < PyArray_SIZE(array); ++i)
-        if (!(fabs((*numbers)[i]) < INFINITY)) return 0;
-    return 1;
+    return are_finite(*numbers, PyArray_SIZE(array));
 }
 
 /* usable(J_local, q, v, x_d, x_d_dot, pivot, pivot_dot, tolerance): arrays that compiled code can
