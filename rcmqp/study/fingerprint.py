@@ -21,7 +21,7 @@ def fingerprint(controller: Controller) -> str:
     sha = hashlib.sha256(controller.insertion.arm.sha256.encode())
     sha.update(json.dumps(controller.options, sort_keys=True, default=str).encode())
     for kind in type(controller).__mro__:
-        if kind.__module__.partition(".")[0] not in ("rcmqp", "abc", "builtins"):
+        if kind is not object and kind.__module__.partition(".")[0] not in ("rcmqp", "abc"):
             for name, value in sorted(vars(kind).items()):
                 sha.update(f"{name} {_told(value)}".encode())
     return sha.hexdigest()
