@@ -268,6 +268,8 @@ def test_the_parts_of_a_run_make_the_same_run_whatever_their_sizes(size: int) ->
 
 def test_a_controller_may_use_its_array_again() -> None:
     class Sparing(DualQuaternion):
+        name = DualQuaternion.name
+
         def step(self, state: ArmState, reference: Reference) -> Command:
             answer = super().step(state, reference)
             kept[:] = answer.v

@@ -6,12 +6,15 @@ import importlib.util
 import io
 import os
 import shutil
+import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from rcmqp.errors import ToolMissing, ViewError
@@ -82,27 +85,23 @@ def browser() -> Iterator[Browser]:
     from playwright.sync_api import Error, sync_playwright
 
     flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else list(FLAGS)
-    said = sys.stderr
-    try:
-        with sync_playwright() as playwright:
-            try:
-                chromium = playwright.chromium.launch(
-                    executable_path=executable,
-                    args=flags,
-                    handle_sigint=False,  # it is closed below
-                )
-            except Error as error:
-                raise _failed(f"{executable} does not start", error) from error
-            try:
-                yield chromium
-            except KeyboardInterrupt:
-                sys.stderr = io.StringIO()  # playwright complains of how it was ended
-                raise
-            finally:
-                with suppress(Error):  # Ctrl-C may have ended what drives it
-                    chromium.close()
-    finally:
-        sys.stderr = said
+    with _interruptible(), sync_playwright() as playwright:
+        try:
+            chromium = playwright.chromium.launch(
+                executable_path=executable,
+                args=flags,
+                handle_sigint=False,  # it is closed below
+            )
+        except Error as error:
+            raise _failed(f"{executable} does not start", error) from error
+        try:
+            yield chromium
+        except KeyboardInterrupt:
+            sys.stderr = io.StringIO()  # playwright complains of how it was ended
+            raise
+        finally:
+            with suppress(Error):  # nothing is left to be closed, perhaps
+                chromium.close()
 
 
 def open_page(chromium: Browser | BrowserContext, file: Path, pane: str = "") -> Page:
@@ -169,11 +168,33 @@ def opened(
 
 
 def _failed(what: str, error: Error) -> ViewError:
-    """What failed, and what playwright says first; its log of calls follows.
-
-    Raises:
-        KeyboardInterrupt: it failed by Ctrl-C, which ends what drives Chromium, too.
-    """
-    time.sleep(INTERRUPTION)
+    """What failed, and what playwright says first; its log of calls follows."""
     first = error.message.partition("\n")[0]
     return ViewError(f"{what}: {first}")
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C ends what drives Chromium, too; what follows from that is no error, but Ctrl-C."""
+    heard: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        heard.append(number)
+        raise KeyboardInterrupt
+
+    is_default = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if is_default and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, note)
+    said = sys.stderr
+    try:
+        yield
+    except Exception as error:
+        if not heard:
+            time.sleep(INTERRUPTION)
+        if heard:
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        sys.stderr = said
+        if signal.getsignal(signal.SIGINT) is note:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
