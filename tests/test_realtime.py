@@ -532,7 +532,7 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 @pytest.fixture(autouse=True)
 def heard() -> Iterator[None]:
     """Signals as a terminal sends them, though who runs the tests may ignore some."""
-    usual = (signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL)
+    usual: tuple[Any, ...] = (signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL)
     before = [signal.signal(number, how) for number, how in zip(SIGNALS, usual, strict=True)]
     yield
     for number, handler in zip(SIGNALS, before, strict=True):
