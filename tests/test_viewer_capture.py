@@ -4,6 +4,7 @@ import io
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -210,12 +211,14 @@ def test_ctrl_c_ends_with_one_word_and_leaves_nothing(file: Path, tmp_path: Path
         "from rcmqp.cli import main; main()"
     )
     command = [sys.executable, "-c", program_text, "video", str(file), "--size", "64x64"]
-    done = subprocess.run(
-        [*command, "--out", str(tmp_path / "x.mp4")],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PATH": path, "TMPDIR": str(tmp_path)},
-        start_new_session=True,
-    )
+    with tempfile.TemporaryDirectory(dir="/tmp") as short:  # Chromium's socket needs a short path
+        done = subprocess.run(
+            [*command, "--out", str(tmp_path / "x.mp4")],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PATH": path, "TMPDIR": short},
+            start_new_session=True,
+        )
+        assert not list(Path(short).iterdir())
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
     assert [each.name for each in tmp_path.iterdir()] == ["bin"]

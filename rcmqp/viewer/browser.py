@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import logging
 import os
 import shutil
 import signal
@@ -98,6 +99,7 @@ def browser() -> Iterator[Browser]:
             yield chromium
         except KeyboardInterrupt:
             sys.stderr = io.StringIO()  # playwright complains of how it was ended
+            logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # later, too
             raise
         finally:
             with suppress(Error):  # nothing is left to be closed, perhaps
