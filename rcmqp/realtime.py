@@ -151,11 +151,13 @@ class _Loop:
         self.controller_stops = self.unsent = 0
 
     def warm_up(self) -> None:
-        """Let everything run once that the loop will, but for sending."""
+        """Let everything run once that the loop and its stop will, but for sending."""
         for _ in range(WARM_UP):
             q, self.v = as_reading(self.robot.read(), self.arm)  # measured: nothing is commanded
             check_speed(self.v, self.arm, "moves before the loop begins", "let the arm rest")
             self._command(0.0, q)
+        insertion, slow = self.controller.insertion, 0.1 * self.arm.velocity
+        next(braking(insertion, self.angles, slow, self.timing.period, self.pivot))
         self.controller.reset()
         self.controller_stops = 0
 
