@@ -940,3 +940,18 @@ def test_the_report_prints_what_it_holds(insertion: rcmqp.Insertion) -> None:
     for column, delays in ((1, report.wake), (2, report.answer)):
         assert sum(int(row[column]) for row in rows) == delays.total == report.cycles
     assert f"| 50 us to 100 us | {rows[1][1]} | {rows[1][2]} |" in report.as_markdown()
+
+
+def test_the_stop_has_run_once_before_anything_moves(
+    insertion: rcmqp.Insertion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of it but the first cycle's wait: the joints are as if moving."""
+    robot, found = Arm(insertion, Clock()), list[tuple[int, bool]]()
+
+    def told(*args: Any) -> Iterator[Array]:
+        found.append((len(robot.sent), bool(np.any(args[2]))))
+        return braking(*args)
+
+    monkeypatch.setattr("rcmqp.realtime.braking", told)
+    run(robot)
+    assert found == [(0, True), (20, True)]
