@@ -66,6 +66,7 @@ def usable(
     J_local: Array,
     q: Array,
     v: Array,
+    a: Array,
     x_d: Array,
     x_d_dot: Array,
     pivot: Array,

@@ -41,6 +41,8 @@ class ArmState:
             effector frame.
         v: (nv,) joint velocity now [rad/s]; zero where none is given. In a control loop, the last
             command: the next one is kept within the acceleration limits of it.
+        a: (nv,) joint acceleration now [rad/s^2]; zero where none is given. In a control loop, the
+            last command minus the one before, over the period: limits on jerk count from it.
     """
 
     q: Array
@@ -49,6 +51,7 @@ class ArmState:
     x: Array
     J_local: Array
     v: Array
+    a: Array
 
     @property
     def J_world_aligned(self) -> Array:
@@ -85,6 +88,7 @@ class Arm:
         middle: (nv,) middle of the position limits; 0 for continuous joints.
         velocity: (nv,) speed limits [rad/s].
         acceleration: (nv,) acceleration limits [rad/s^2]; infinite where none is known.
+        jerk: (nv,) jerk limits [rad/s^3]; infinite where none is known.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
             spherical-revolute-spherical arm that is straight at zero; None for other arms.
         urdf: the file that the model was read from.
@@ -101,6 +105,7 @@ class Arm:
         home: ArrayLike | None = None,
         flange_offset: pin.SE3 | None = None,
         acceleration: ArrayLike | None = None,
+        jerk: ArrayLike | None = None,
         srs_offsets: ArrayLike | None = None,
         urdf: Path | None = None,
     ) -> None:
@@ -119,11 +124,11 @@ class Arm:
         self.lower = self._per_joint(model.lowerPositionLimit, -np.inf)
         self.upper = self._per_joint(model.upperPositionLimit, np.inf)
         self.velocity = _vector("velocity limits", model.velocityLimit, model.nv)
+        unlimited = np.full(model.nv, np.inf)
         self.acceleration = _vector(
-            "acceleration",
-            np.full(model.nv, np.inf) if acceleration is None else acceleration,
-            model.nv,
+            "acceleration", unlimited if acceleration is None else acceleration, model.nv
         )
+        self.jerk = _vector("jerk", unlimited if jerk is None else jerk, model.nv)
         self.srs_offsets = (
             None if srs_offsets is None else _vector("srs_offsets", srs_offsets, model.nv)
         )
@@ -158,26 +163,29 @@ class Arm:
         arm._put_effector(self.jMflange * flangeMe)
         return arm
 
-    def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:
-        """One kinematics pass at a configuration ``q`` (nq,), joints moving with ``v`` (nv,).
+    def state(
+        self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None
+    ) -> ArmState:
+        """One kinematics pass at ``q`` (nq,), joints moving with ``v`` and ``a`` (nv,).
 
         A joint reading that failed, one that is not finite, is no error here: the state carries
         it, its placement and Jacobian are NaN as well, and a controller answers it with the safe
         stop. So a loop on a real arm needs no other way out.
 
         Raises:
-            InvalidCommand: q or v has the wrong size.
+            InvalidCommand: q, v or a has the wrong size.
         """
         nq, nv = self._sizes
         q = _sized(q, nq, "configuration q")
         v = self._still if v is None else _sized(v, nv, "joint velocity v")
+        a = self._still if a is None else _sized(a, nv, "joint acceleration a")
         model, data, effector = self._kinematics, self._data, self._effector
         _jacobians(model, data, q)  # runs forward kinematics too
         oMe = _placement(model, data, effector)
         J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
         x = _kernel.from_xyzquat(_xyzquat(oMe))
         angles = q if nq == nv else self._frozen_angles(q)
-        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v)
+        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v, a)
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""

@@ -104,9 +104,11 @@ class Insertion:
         pivot = oMf.act(np.array([0.0, 0.0, instrument.tip - depth]))
         return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMf.rotation[:, 2])), angles)
 
-    def state(self, q: ArrayLike, v: ArrayLike | None = None) -> ArmState:
-        """One kinematics pass at ``q`` (nq,), joints moving with ``v`` (nv,); see Arm.state()."""
-        return self.arm.state(q, v)
+    def state(
+        self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None
+    ) -> ArmState:
+        """One kinematics pass at ``q`` (nq,), with ``v`` and ``a`` (nv,); see Arm.state()."""
+        return self.arm.state(q, v, a)
 
     def from_start(self, vector: Sequence[float]) -> Vector3:
         """A vector (3,) in the axes of x_d(0), in those of the world.

@@ -92,7 +92,7 @@ def _load_named(name: str) -> Arm:
         pin.rpy.rpyToMatrix(np.array(frame.get("rpy", [0.0, 0.0, 0.0]))),
         np.array(frame.get("xyz", [0.0, 0.0, 0.0])),
     )
-    keys = ("title", "licence", "home", "acceleration", "srs_offsets")
+    keys = ("title", "licence", "home", "acceleration", "jerk", "srs_offsets")
     return _build(
         _read(urdf),
         frame["frame"],

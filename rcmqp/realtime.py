@@ -147,6 +147,7 @@ class _Loop:
         self.signals = KeptSignals(lateness)
         self.arm = controller.insertion.arm
         self.v, self.angles, self.read_at = np.zeros(self.arm.nv), self.arm.home, 0.0
+        self.a = np.zeros(self.arm.nv)
         self.pivot = np.array(controller.insertion.trocar.pivot)
         self.controller_stops = self.unsent = 0
 
@@ -200,7 +201,7 @@ class _Loop:
         if late > self.lateness:
             raise LoopFault(f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s")
         call(self.robot.send, v)
-        self.v = v
+        self.v, self.a = v, (v - self.v) / timing.period
         held = timing.now() - timing.due
         timing.sent()
         if held > self.lateness:
@@ -210,7 +211,7 @@ class _Loop:
         """What the controller answers to a reading of q (nq,), not older than ``now`` [s]."""
         period = self.timing.period
         newest = check_stamp(self.references(now), now, self.reference_age, ahead=period)
-        state = self.controller.insertion.state(q, self.v)
+        state = self.controller.insertion.state(q, self.v, self.a)
         answer = self.controller.step(state, newest.reference)
         command = as_command(answer.v, self.arm, self.controller.name)
         self.angles, self.read_at = state.angles, now

@@ -32,9 +32,10 @@ def simulate(
 
     The controller sees what the plant measures, and so does a steered path, which may end the
     run before its time; the record has the truth beside it, and every error in it is the true
-    one. A state's velocity is the last command, not the measured one: it is commands that limits
-    on the acceleration are for, and a measured velocity lags behind. Where the controller answers
-    with its safe stop, the run goes on, and the record says when and why.
+    one. A state's velocity is the last command, not the measured one, and its acceleration the
+    last change of the command: limits are for commands, and a measured velocity lags behind.
+    Where the controller answers with its safe stop, the run goes on, and the record says when
+    and why.
 
     Args:
         scenario: what to do.
@@ -90,6 +91,7 @@ def parts(
     controller.reset()
     drive = scenario.plant.start(arm, insertion.q_start, T, scenario.seed)
     command, seen = drive.v, None
+    acceleration = np.zeros(arm.nv)
     ask = scenario.references(insertion).send
     for k in range(scenario.cycles):
         try:
@@ -98,13 +100,14 @@ def parts(
             break
         q, v = drive.q, drive.v
         q_seen, v_seen = drive.measure()
-        state = seen = arm.state(q_seen, command)
+        state = seen = arm.state(q_seen, command, acceleration)
         if q_seen is not q:
             state = arm.state(q, v)
         start = clock()
         answer = controller.step(seen, reference)
         solve_time = clock() - start
-        command = _checked(answer, controller.name, arm.nv, k * T)
+        before, command = command, _checked(answer, controller.name, arm.nv, k * T)
+        acceleration = (command - before) / T
         if k == 0:
             _check_possible(answer)
         drive.step(command)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import astuple
@@ -96,9 +97,7 @@ def test_a_law_takes_arrays_in_any_order() -> None:
     controller = DualQuaternion(insertion, 8e-3, feed_forward=True)
     state = some_state(insertion, rng, 0)
     reference = some_reference(state, rng)
-    other = ArmState(
-        state.q, state.angles, state.oMe, state.x, np.asfortranarray(state.J_local), state.v
-    )
+    other = dataclasses.replace(state, J_local=np.asfortranarray(state.J_local))
     x_d, x_d_dot = np.array([reference.x_d, reference.x_d_dot]).repeat(2, axis=1)[:, ::2]
     again = Reference(x_d, x_d_dot, reference.pivot, reference.pivot_dot)
     expected = controller.step(state, reference).v

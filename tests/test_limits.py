@@ -112,7 +112,9 @@ def bench(rng: np.random.Generator, n: int = 60) -> Arm:
 
 def joint_state(angles: Array, v: Array) -> ArmState:
     nowhere = pin.SE3.Identity()
-    return ArmState(angles, angles, nowhere, dq.IDENTITY, np.zeros((6, angles.size)), v)
+    return ArmState(
+        angles, angles, nowhere, dq.IDENTITY, np.zeros((6, angles.size)), v, np.zeros_like(v)
+    )
 
 
 def push(rng: np.random.Generator, k: int, box: Constraint) -> Array:

@@ -69,12 +69,12 @@ def check_between(name: str, value: float, low: float, high: float) -> None:
 def is_usable(state: ArmState, reference: Reference) -> bool:
     """Whether fault() would find nothing, and every array is one that compiled code can read."""
     numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
-    return usable(state.J_local, state.q, state.v, *numbers, UNIT_TOLERANCE)
+    return usable(state.J_local, state.q, state.v, state.a, *numbers, UNIT_TOLERANCE)
 
 
 def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Reference]:
     """The same two in contiguous arrays of float64; NaN where there are no numbers."""
-    vectors = {name: _numbers(getattr(state, name)) for name in ("q", "angles", "x", "v")}
+    vectors = {name: _numbers(getattr(state, name)) for name in ("q", "angles", "x", "v", "a")}
     state = dataclasses.replace(state, J_local=np.ascontiguousarray(state.J_local), **vectors)
     return state, Reference(*(_numbers(getattr(reference, name)) for name in _SIZES))
 
@@ -96,6 +96,8 @@ def fault(state: ArmState, reference: Reference) -> str:
         return "the joint reading q is not finite"
     if not all_finite(state.v):
         return "the joint velocity v is not finite"
+    if not all_finite(state.a):
+        return "the joint acceleration a is not finite"
     for name, size in _SIZES.items():
         values = getattr(reference, name)
         if values.shape != (size,):
