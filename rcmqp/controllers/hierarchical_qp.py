@@ -6,18 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
 from rcmqp.controllers.program import LevelOfTasks, Program
+from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
 from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
-from rcmqp.qp import Hierarchy, HierarchySolution
+from rcmqp.qp import Hierarchy, HierarchySolution, Level
 from rcmqp.qp.levels import Answer
 from rcmqp.reference import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
+from rcmqp.tasks.base import Approach
 
 CONE_DECELERATION = 1.0
 """What the shaft may be slowed down with before the cone's edge [rad/s^2]."""
@@ -60,8 +64,10 @@ class HierarchicalQP(Controller):
         c_d: desired value of the objective.
         objective: its name in OBJECTIVES; empty for the arm's own.
         limit_gain: how fast the trocar's limits may be approached [1/s].
+        approach: share of the joints' acceleration and jerk limits that is counted on to stop an
+            error at zero, see Approach; 0 approaches in proportion, and overshoots.
         backend: ``proxqp``, ``daqp``, ``active_set`` or any solver that qpsolvers has: the
-            answer is the same, the time is not. ``daqp_levels`` is faster and inexact.
+            answer is the same, the time is not.
         levels: tasks, the first the most important; only from Python.
         limits: only from Python.
     """
@@ -79,7 +85,8 @@ class HierarchicalQP(Controller):
     c_d: float = 1.0
     objective: str = ""
     limit_gain: float = 60.0
-    backend: str = "proxqp"
+    approach: float = 0.8
+    backend: str = "active_set"
     levels: Sequence[LevelOfTasks] | None = None
     limits: Sequence[Limit] | None = None
     _levels: tuple[LevelOfTasks, ...] = field(init=False, repr=False)
@@ -88,6 +95,7 @@ class HierarchicalQP(Controller):
     _program: Program | None = field(init=False, repr=False)
     _names: tuple[str, ...] = field(init=False, repr=False)
     _numbers: tuple[str, ...] = field(init=False, repr=False)
+    _braking: Array = field(init=False, repr=False)
     _guarded: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -122,7 +130,8 @@ class HierarchicalQP(Controller):
         program = Program.of(tuple(levels), tuple(limits), self.insertion.arm)
         names = tuple(level.name for level in levels)
         object.__setattr__(self, "_hierarchy", hierarchy)
-        object.__setattr__(self, "_program", program if hierarchy.compiled else None)
+        object.__setattr__(self, "_program", program)
+        object.__setattr__(self, "_braking", np.array([self.period, self.approach]))
         object.__setattr__(self, "_names", names)
         numbers = {**_residuals(levels), **type(self).diagnostics}
         object.__setattr__(self, "diagnostics", numbers)
@@ -146,13 +155,24 @@ class HierarchicalQP(Controller):
         if self._program is not None:
             return self._run(self._program, state, reference)
         solution = self._hierarchy.solve(
-            [level.level(state, reference) for level in self._levels],
+            self._levels_at(state, reference),
             combine(self._limits, state, reference, self.insertion.arm.joints),
             guarded=self._guarded,
         )
         return Command(
             solution.v, dict(zip(self._numbers, solution.summary, strict=True)), solution
         )
+
+    def _levels_at(self, state: ArmState, reference: Reference) -> list[Level]:
+        """The levels, errors approached no faster than the joints can stop below strict ones."""
+        arm, made = self.insertion.arm, []
+        strict = np.zeros((0, arm.nv))
+        for level in self._levels:
+            approach = Approach(arm.acceleration, arm.jerk, self.approach, self.period, strict)
+            made.append(level.level(state, reference, approach))
+            if made[-1].damping == 0.0 and len(strict) == sum(len(x.A) for x in made[:-1]):
+                strict = np.concatenate([strict, made[-1].A])
+        return made
 
     def _run(self, program: Program, state: ArmState, reference: Reference) -> Command:
         """The same, rows and all in compiled code."""
@@ -161,14 +181,17 @@ class HierarchicalQP(Controller):
             program.tasks,
             program.vectors,
             program.ends,
+            program.damping,
             program.limits,
             program.joints,
+            self._braking,
             self._guarded,
             hierarchy.max_rounds,
             state.x,
             state.J_local,
             state.angles,
             state.v,
+            state.a,
             reference.x_d,
             reference.x_d_dot,
             reference.pivot,

@@ -28,8 +28,9 @@ class Program:
         tasks: (tasks, TASK_NUMBERS) kind, root of the weight, parameters.
         vectors: (tasks, 2, nv) parameters that are one number a joint.
         ends: (levels + 1,) where each level's rows end; the last is the rest.
+        damping: (levels + 1,) of each level; the rest's is zero.
         limits: (limits, LIMIT_NUMBERS) kind, parameters.
-        joints: (4, nv) lower and upper position, velocity, acceleration limits.
+        joints: (5, nv) lower and upper position, velocity, acceleration, jerk limits.
         rows: how many hard rows there are.
         names: of the joints, then of the rows.
     """
@@ -39,6 +40,7 @@ class Program:
     tasks: Array
     vectors: Array
     ends: NDArray[np.int64]
+    damping: Array
     limits: Array
     joints: Array
     rows: int
@@ -85,6 +87,7 @@ class Program:
             np.array(tasks, dtype=float).reshape(len(tasks), _kernel.TASK_NUMBERS),
             np.array(vectors, dtype=float).reshape(len(tasks), 2, nv),
             np.array([*ends, size], dtype=np.int64),
+            np.array([*(level.speed_damping for level in levels), 0.0]),
             table,
             _joints(its),
             len(names),
@@ -102,4 +105,4 @@ def _own(item: Task | Limit) -> bool:
 
 
 def _joints(arm: Arm) -> Array:
-    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration])
+    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.jerk])

@@ -68,29 +68,75 @@ static void move(State *state, const double *y)
     for (int p = 0; p < state->n; ++p) state->v[p] += dot(state->Z + p * state->n, y, state->free);
 }
 
-/* A level A (m, n), b (m) in the free coordinates; rows (N) says which bound each row of R is. */
-void make_problem(const State *state, const double *A, const double *b, int m, Problem *problem,
+/* Rows of a damped level's speed: L Z^T (free, n), see cascade.h; B (m, free) is A Z. */
+static void speed_rows(const State *state, const double *B, int m, double damping, double *speed,
+                       Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = state->n, free = state->free;
+    double *S = take(arena, m * m), *W = take(arena, m * free), *L = take(arena, free * free);
+    const double square = damping * damping;
+    for (int i = 0; i < m; ++i)
+        for (int j = 0; j <= i; ++j)
+            S[i * m + j] = dot(B + i * free, B + j * free, free) + (i == j ? square : 0.0);
+    memcpy(W, B, sizeof(double) * (size_t)(m * free));
+    cholesky(S, m);
+    cholesky_solve(S, m, W, free); /* (I + B^T B / d^2)^-1 = I - B^T (d^2 I + B B^T)^-1 B */
+    for (int i = 0; i < free; ++i)
+        for (int j = 0; j < free; ++j) {
+            double total = i == j ? 1.0 : 0.0;
+            for (int p = 0; p < m; ++p) total -= B[p * free + i] * W[p * free + j];
+            L[i * free + j] = damping * total;
+        }
+    for (int i = 0; i < free; ++i)
+        for (int p = 0; p < n; ++p) speed[i * n + p] = dot(L + i * free, state->Z + p * n, free);
+    arena->used = mark;
+}
+
+/* One row a v = b, divided by `weight`, as row i of M and c; returns a v. */
+static double add_row(const State *state, const double *a, double b, double weight, int i,
+                      Problem *problem)
+{
+    const int n = state->n, free = state->free;
+    double av = 0.0, noise = fabs(b / weight);
+    for (int p = 0; p < n; ++p) {
+        const double term = a[p] / weight * state->v[p];
+        av += term, noise += fabs(term);
+    }
+    problem->c[i] = b / weight - av, problem->noise[i] = EPS * noise;
+    for (int j = 0; j < free; ++j) problem->M[i * free + j] = along(state, a, j) / weight;
+    return av;
+}
+
+/* A level in the free coordinates; rows (N) says which bound each row of R is. speed (n, n) is
+ * filled in where the level is damped. */
+void make_problem(const State *state, const Level *level, Problem *problem, double *speed,
                   int *rows, Arena *arena)
 {
-    const int n = state->n, free = state->free, N = state->N;
+    const int n = state->n, free = state->free, N = state->N, m = level->m;
+    const int damped = level->damping > 0.0 ? free : 0, all = m + damped + state->held;
+    double *M = take(arena, all * free), *c = take(arena, all), *noise = take(arena, all);
     double *R = take(arena, N * free), *lower = take(arena, N), *upper = take(arena, N);
-    const double weight = norm_of(A, m * n);
+    const double weight = norm_of(level->A, m * n);
     double total = 0.0;
-    *problem = (Problem){m, free, 0, take(arena, m * free), take(arena, m), take(arena, m),
-                         R, lower,  upper, weight, 0.0};
+    *problem = (Problem){all, free, 0, M, c, noise, R, lower, upper, weight, 0.0};
     if (weight == 0.0) return;
     for (int i = 0; i < m; ++i) {
-        double Av = 0.0, noise = fabs(b[i] / weight);
-        for (int p = 0; p < n; ++p) {
-            const double term = A[i * n + p] / weight * state->v[p];
-            Av += term, noise += fabs(term);
-        }
-        problem->c[i] = b[i] / weight - Av, problem->noise[i] = EPS * noise;
+        const double Av = add_row(state, level->A + i * n, level->b[i], weight, i, problem);
         total += Av * Av;
-        for (int j = 0; j < free; ++j)
-            problem->M[i * free + j] = along(state, A + i * n, j) / weight;
     }
-    problem->scale = norm_of(b, m) / weight + sqrt(total);
+    problem->scale = norm_of(level->b, m) / weight + sqrt(total);
+    if (damped) {
+        const size_t mark = arena->used;
+        double *B = take(arena, m * free);
+        for (int i = 0; i < m * free; ++i) B[i] = problem->M[i] * weight;
+        speed_rows(state, B, m, level->damping, speed, arena);
+        for (int i = 0; i < damped; ++i)
+            add_row(state, speed + i * n, 0.0, weight, m + i, problem);
+        arena->used = mark;
+    }
+    for (int i = 0; i < state->held; ++i)
+        add_row(state, state->H + i * n, state->h[i], weight, m + damped + i, problem);
     for (int i = 0; i < N; ++i) {
         if (state->lower[i] == -INFINITY && state->upper[i] == INFINITY) continue;
         const double Gv = dot(state->G + i * n, state->v, n);
@@ -100,6 +146,18 @@ void make_problem(const State *state, const double *A, const double *b, int m, P
         lower[problem->k] = smaller(state->lower[i] - Gv, 0.0);
         upper[problem->k] = larger(state->upper[i] - Gv, 0.0);
         rows[problem->k++] = i;
+    }
+}
+
+/* Later levels are held to what this damped one has reached. */
+static void hold(State *state, const Level *level)
+{
+    const int n = state->n;
+    const double by = EXCHANGE * level->damping;
+    for (int i = 0; i < level->m; ++i, ++state->held) {
+        double *row = state->H + state->held * n;
+        for (int p = 0; p < n; ++p) row[p] = level->A[i * n + p] / by;
+        state->h[state->held] = dot(row, state->v, n);
     }
 }
 
@@ -165,7 +223,7 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        make_problem(&open, A, b, m, &problem, index, arena);
+        make_problem(&open, &(Level){m, A, b, 0.0}, &problem, NULL, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
             break;
@@ -186,35 +244,57 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
     return route;
 }
 
-/* One level: move to where |A v - b| is least, and keep A v from now on.
+/* Take a strict level's rows out of what is free, and `count` bounds that are active at every
+ * optimum of it. */
+static void keep(State *state, const Level *level, double weight, const int *bounds, int count,
+                 Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = state->n, m = level->m;
+    double *kept = take(arena, (m + count) * n);
+    for (int i = 0; i < m * n; ++i) kept[i] = level->A[i] / weight;
+    for (int i = 0; i < count; ++i)
+        memcpy(kept + (m + i) * n, state->G + bounds[i] * n, sizeof(double) * (size_t)n);
+    narrow(state, kept, m + count, arena);
+    arena->used = mark;
+}
+
+/* One level: move to its optimum, and keep A v from now on, exactly or as a damped level does.
  *
  * Where a bound is in the way, `ask` is set and the proposed active set is not right at once,
  * nothing is done and the answer is BLOCKED. */
-Route descend(State *state, const double *A, const double *b, int m, int max_rounds,
-              const double *proposed, int ask, double *multipliers, int *rounds, Arena *arena)
+Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
+              double *speed, double *multipliers, int *rounds, Arena *arena)
 {
     const size_t mark = arena->used;
-    const int n = state->n, free = state->free;
-    double *y = take(arena, free), *Q = take(arena, free * free), *U = take(arena, m * m);
+    const int free = state->free, m = level->m;
+    const int all = m + state->held + (level->damping > 0.0 ? free : 0);
+    double *y = take(arena, free), *Q = take(arena, free * free), *U = take(arena, all * all);
     int *index = (int *)take(arena, state->N), range;
     Route route = CLOSED_FORM;
     Problem problem;
     *rounds = 0;
     if (free == 0 || m == 0) return CLOSED_FORM;
-    make_problem(state, A, b, m, &problem, index, arena);
+    make_problem(state, level, &problem, speed, index, arena);
     const int k = problem.k;
     if (problem.weight == 0.0) goto done;
     if (overflows(&problem)) {
         route = KEPT;
         goto done;
     }
-    const int rank = pseudo_solve(problem.M, m, free, problem.c, y, Q, U, &range, arena);
+    const int rank = pseudo_solve(problem.M, all, free, problem.c, y, Q, U, &range, arena);
     if (rank >= 0 && feasible(&problem, y)) {
         move(state, y);
-        turn(state, Q, rank, arena);
+        if (level->damping > 0.0)
+            hold(state, level);
+        else if (state->held)
+            keep(state, level, problem.weight, NULL, 0, arena);
+        else
+            turn(state, Q, rank, arena);
         goto done;
     }
-    double *guess = take(arena, k), *lam = take(arena, k), *kept = take(arena, (m + k) * n);
+    double *guess = take(arena, k), *lam = take(arena, k);
+    int *strong = (int *)take(arena, k), count = 0;
     int guessed = 0;
     for (int i = 0; i < k; ++i) {
         guess[i] = proposed[index[i]], lam[i] = 0.0;
@@ -239,40 +319,55 @@ Route descend(State *state, const double *A, const double *b, int m, int max_rou
         if (!feasible(&problem, y)) goto done;
     }
     move(state, y);
-    int count = m;
-    for (int i = 0; i < m * n; ++i) kept[i] = A[i] / problem.weight;
     for (int i = 0; i < k; ++i) {
         multipliers[index[i]] = lam[i] * problem.weight * problem.weight;
-        if (fabs(lam[i]) > STRONG * problem.scale)
-            memcpy(kept + count++ * n, state->G + index[i] * n, sizeof(double) * (size_t)n);
+        if (fabs(lam[i]) > STRONG * problem.scale) strong[count++] = index[i];
     }
-    narrow(state, kept, count, arena);
+    if (level->damping > 0.0)
+        hold(state, level);
+    else
+        keep(state, level, problem.weight, strong, count, arena);
 done:
     arena->used = mark;
     return route;
 }
 
+/* Add rows^T (rows v - b), rows (count, n), to the gradient; returns the size of its terms. */
+static double add_gradient(const double *rows, const double *b, int count, const double *v, int n,
+                           double *gradient)
+{
+    double square = 0.0, goal = 0.0;
+    for (int i = 0; i < count; ++i) {
+        const double wanted = b == NULL ? 0.0 : b[i];
+        const double residual = dot(rows + i * n, v, n) - wanted;
+        for (int p = 0; p < n; ++p) gradient[p] += rows[i * n + p] * residual;
+        square += residual * residual, goal += wanted * wanted;
+    }
+    return norm_of(rows, count * n) * sqrt(larger(square, goal));
+}
+
 /* Residual of a level's optimality conditions at v, from the problem's own numbers.
  *
- * The larger of: gradient A^T residual + G^T multipliers along Z (n, n), its first `free` columns,
- * what was free before the level, and multiplier times slack at the bound of the multiplier's
- * sign, over `small`; both over the size of A times b, or `small`. */
-double kkt_residual(const State *state, const double *A, const double *b, int m,
-                    const double *residual, const double *multipliers, const double *Z, int free,
-                    double small, Arena *arena)
+ * The larger of: gradient plus G^T multipliers along Z (n, n), its first `free` columns, what was
+ * free before the level, and multiplier times slack at the bound of the multiplier's sign, over
+ * `small`; both over the size of the gradient's terms, or `small`. The state's held rows are those
+ * of the level, and speed (free, n) its rows of the speed, where it is damped. */
+double kkt_residual(const State *state, const Level *level, const double *v, const double *speed,
+                    const double *multipliers, const double *Z, int free, double small,
+                    Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = state->n;
     double *gradient = take(arena, n), worst = 0.0;
-    const double scale =
-        larger(small, norm_of(A, m * n) * larger(norm_of(b, m), norm_of(residual, m)));
     memset(gradient, 0, sizeof(double) * (size_t)n);
-    for (int i = 0; i < m; ++i)
-        for (int p = 0; p < n; ++p) gradient[p] += A[i * n + p] * residual[i];
+    double scale = add_gradient(level->A, level->b, level->m, v, n, gradient);
+    if (level->damping > 0.0) scale += add_gradient(speed, NULL, free, v, n, gradient);
+    scale += add_gradient(state->H, state->h, state->held, v, n, gradient);
+    scale = larger(scale, small);
     for (int i = 0; i < state->N; ++i) {
         const double lam = multipliers[i];
         if (lam == 0.0) continue;
-        const double Gv = dot(state->G + i * n, state->v, n);
+        const double Gv = dot(state->G + i * n, v, n);
         for (int p = 0; p < n; ++p) gradient[p] += state->G[i * n + p] * lam;
         const double slack = lam > 0.0 ? state->upper[i] - Gv : Gv - state->lower[i];
         worst = larger(worst, fabs(lam * slack) / small);

@@ -3,8 +3,10 @@
 #include <math.h>
 #include <string.h>
 
-/* A level is reached if its residual is below this, relative to the level's numbers. */
+/* A level is reached if its residual is below this, relative to the level's numbers; a damped one,
+ * if it is below this share of its damping [rad/s]. */
 #define REACHED_TOL 1e-9
+#define REACHED_SPEED 0.01
 
 /* A bound this near counts as active, relative to its size where that is above one. */
 #define TOUCHING_TOL 1e-9
@@ -23,13 +25,17 @@ typedef struct {
     double *goal; /* (rows) b */
     double *Zs;   /* (levels + 1, n, n) what was free before each level */
     int *frees;   /* (levels + 1) how many columns of each count */
+    double *vs;   /* (levels + 1, n) the optimum of each level; v in the end is that of the last */
+    double *speeds; /* (levels + 1, n, n) rows of a damped level's speed */
+    int *helds;   /* (levels + 1) rows of damped levels before each level */
 } Descent;
 
 /* Numbers of scratch memory that solve_hierarchy() never exceeds. */
 size_t memory_for(int n, int m, int rows, int levels)
 {
     const size_t unknowns = (size_t)n + 8, all = unknowns + (size_t)m + (size_t)rows + 8;
-    return 64 * all * unknowns + 4 * all * all + ((size_t)levels + 8) * unknowns * unknowns + 4096;
+    return 64 * all * unknowns + 12 * all * all + 4 * ((size_t)levels + 8) * unknowns * unknowns +
+           4096;
 }
 
 static int first_row(const Hierarchy *hierarchy, int k)
@@ -48,9 +54,10 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
     const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
     const int rows = (int)hierarchy->ends[levels - 1];
     Descent made = {{n, N, 0, v, take(arena, n * n), take(arena, N * n), take(arena, N),
-                     take(arena, N), take(arena, N)},
+                     take(arena, N), take(arena, N), 0, take(arena, rows * n), take(arena, rows)},
                     1.0, take(arena, rows), take(arena, (levels + 1) * n * n),
-                    (int *)take(arena, levels + 1)};
+                    (int *)take(arena, levels + 1), take(arena, (levels + 1) * n),
+                    take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1)};
     State *state = &made.state;
     double largest = 0.0;
     for (int i = 0; i < n; ++i) {
@@ -82,12 +89,26 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
     return made;
 }
 
-static void keep_free(Descent *descent, int k)
+/* What is known before level k. */
+static void begin_level(Descent *descent, const State *state, int k)
 {
-    const State *state = &descent->state;
     const int square = state->n * state->n;
-    descent->frees[k] = state->free;
+    descent->frees[k] = state->free, descent->helds[k] = state->held;
     memcpy(descent->Zs + k * square, state->Z, sizeof(double) * (size_t)square);
+    memset(descent->speeds + k * square, 0, sizeof(double) * (size_t)square);
+}
+
+/* And after it. */
+static void end_level(Descent *descent, const State *state, int k)
+{
+    memcpy(descent->vs + k * state->n, state->v, sizeof(double) * (size_t)state->n);
+}
+
+static Level level_of(const Hierarchy *hierarchy, const double *b, int k)
+{
+    const int first = first_row(hierarchy, k);
+    return (Level){rows_of(hierarchy, k), hierarchy->A + first * hierarchy->n, b + first,
+                   hierarchy->damping[k - 1]};
 }
 
 /* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all;
@@ -103,12 +124,13 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     memcpy(Z, open.Z, sizeof(double) * (size_t)square);
     open.N = 0; /* no bounds */
     for (int k = 0; k <= hierarchy->levels && fits; ++k) {
-        descent->frees[k] = open.free;
-        memcpy(descent->Zs + k * square, open.Z, sizeof(double) * (size_t)square);
-        if (k == 0) continue;
-        const int first = first_row(hierarchy, k);
-        fits = descend(&open, hierarchy->A + first * n, descent->goal + first,
-                       rows_of(hierarchy, k), 1, none, 1, none, &rounds, arena) == CLOSED_FORM;
+        begin_level(descent, &open, k);
+        if (k > 0) {
+            const Level level = level_of(hierarchy, descent->goal, k);
+            fits = descend(&open, &level, 1, none, 1, descent->speeds + k * square, none, &rounds,
+                           arena) == CLOSED_FORM;
+        }
+        end_level(descent, &open, k);
     }
     memcpy(open.Z, Z, sizeof(double) * (size_t)square);
     for (int i = 0; i < n; ++i) fits = fits && fabs(open.v[i]) < LARGEST;
@@ -123,6 +145,7 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     }
     for (int i = 0; i < n; ++i)
         open.v[i] = smaller(larger(open.v[i], open.lower[i]), open.upper[i]);
+    if (fits) descent->state.held = open.held;
     for (int i = n; i < N && !fits; ++i) /* out of the hard rows is no good place to start */
         if (dot(open.G + i * n, open.v, n) > open.upper[i]) {
             memcpy(open.v, start, sizeof(double) * (size_t)n);
@@ -160,31 +183,32 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
         Route route;
         for (int i = n; i < N && step <= after; ++i)
             state->upper[i] = step < after ? INFINITY : asked[i];
-        keep_free(descent, k);
+        begin_level(descent, state, k);
         memcpy(before, state->v, sizeof(double) * (size_t)n);
         memcpy(proposed, guess + k * N, sizeof(double) * (size_t)N);
         if (k == 0) {
             route = satisfy_rows(state, hierarchy->max_rounds, multipliers, &rounds, arena);
         } else {
-            const int first = first_row(hierarchy, k), m = rows_of(hierarchy, k);
-            const double *A = hierarchy->A + first * n, *b = descent->goal + first;
-            route = descend(state, A, b, m, hierarchy->max_rounds, proposed, propose != NULL,
+            const Level level = level_of(hierarchy, descent->goal, k);
+            double *speed = descent->speeds + k * n * n;
+            route = descend(state, &level, hierarchy->max_rounds, proposed, propose != NULL, speed,
                             multipliers, &rounds, arena);
             if (route == BLOCKED) {
                 const size_t inner = arena->used;
                 Problem problem;
-                make_problem(state, A, b, m, &problem, index, arena);
+                make_problem(state, &level, &problem, speed, index, arena);
                 if (propose(backend, k, &problem, index, proposed) < 0) return -1;
                 arena->used = inner;
-                route = descend(state, A, b, m, hierarchy->max_rounds, proposed, 0, multipliers,
-                                &rounds, arena);
+                route = descend(state, &level, hierarchy->max_rounds, proposed, 0, speed,
+                                multipliers, &rounds, arena);
             }
         }
         if (!is_finite(state)) {
-            route = KEPT, state->free = descent->frees[k];
+            route = KEPT, state->free = descent->frees[k], state->held = descent->helds[k];
             memcpy(state->v, before, sizeof(double) * (size_t)n);
             memcpy(state->Z, descent->Zs + k * n * n, sizeof(double) * (size_t)(n * n));
         }
+        end_level(descent, state, k);
         info[ROUTE] = (double)route, info[ROUNDS] = (double)rounds;
         for (int i = 0; i < N; ++i)
             guess[k * N + i] = (double)((multipliers[i] > 0.0) - (multipliers[i] < 0.0));
@@ -193,9 +217,10 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
     return 0;
 }
 
-/* Rows (m, n) at v: A v - b; returns whether all are zero (or, for `under`, not above zero). */
+/* Rows (m, n) at v: A v - b; returns whether all are zero (or, for `under`, not above zero), to
+ * `room` or rounding. */
 static int residual_of(const double *A, const double *b, int m, const double *v, int n, int under,
-                       double *residual)
+                       double room, double *residual)
 {
     int reached = 1;
     for (int i = 0; i < m; ++i) {
@@ -205,7 +230,7 @@ static int residual_of(const double *A, const double *b, int m, const double *v,
             total += term, terms += fabs(term);
         }
         residual[i] = under ? larger(total, 0.0) : total;
-        if (!(fabs(residual[i]) <= REACHED_TOL * larger(1.0, terms))) reached = 0;
+        if (!(fabs(residual[i]) <= larger(room, REACHED_TOL * larger(1.0, terms)))) reached = 0;
     }
     return reached;
 }
@@ -217,7 +242,8 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     const int n = hierarchy->n, m = hierarchy->m, N = n + m;
     const double unit = descent->unit, small = smaller(1.0, unit);
     State *state = &descent->state;
-    double *goal = take(arena, m), *v = solution->v, over = 0.0, size = 0.0;
+    double *goal = take(arena, m), *rows = take(arena, m * n), *v = solution->v;
+    double over = 0.0, size = 0.0;
     for (int i = 0; i < N; ++i) state->lower[i] *= unit, state->upper[i] *= unit;
     for (int i = 0; i < n; ++i)
         v[i] = smaller(larger(v[i] * unit, state->lower[i]), state->upper[i]);
@@ -235,24 +261,29 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     }
     over /= larger(small, size);
     solution->info[REACHED] =
-        residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, solution->violation);
-    for (int i = 0; i < m; ++i) goal[i] = solution->violation[i] > 0.0 ? hierarchy->d[i] : 0.0;
+        residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, 0.0, solution->violation);
+    Level exceeded = {0, rows, goal, 0.0};
+    for (int i = 0; i < m; ++i) {
+        if (!(solution->violation[i] > 0.0)) continue;
+        memcpy(rows + exceeded.m * n, hierarchy->C + i * n, sizeof(double) * (size_t)n);
+        goal[exceeded.m++] = hierarchy->d[i];
+    }
+    for (int i = 0; i < state->held; ++i) state->h[i] *= unit;
     for (int k = 0; k <= hierarchy->levels; ++k) {
         double *info = solution->info + k * COLUMNS, *multipliers = solution->multipliers + k * N;
-        const double *Z = descent->Zs + k * n * n;
-        double kkt;
+        double *at = descent->vs + k * n;
+        const Level level = k == 0 ? exceeded : level_of(hierarchy, hierarchy->b, k);
         for (int i = 0; i < N; ++i) multipliers[i] *= unit;
-        if (k == 0) {
-            kkt = kkt_residual(state, hierarchy->C, goal, m, solution->violation, multipliers, Z,
-                               descent->frees[k], small, arena);
-        } else {
-            const int first = first_row(hierarchy, k), rows = rows_of(hierarchy, k);
-            const double *A = hierarchy->A + first * n, *b = hierarchy->b + first;
-            double *residual = solution->residual + first;
-            info[REACHED] = residual_of(A, b, rows, v, n, 0, residual);
-            kkt = kkt_residual(state, A, b, rows, residual, multipliers, Z, descent->frees[k],
-                               small, arena);
-        }
+        for (int i = 0; i < n; ++i) at[i] *= unit;
+        state->held = descent->helds[k];
+        const int damped = level.damping > 0.0 || state->held > 0;
+        double kkt = kkt_residual(state, &level, damped ? at : v, descent->speeds + k * n * n,
+                                  multipliers, descent->Zs + k * n * n, descent->frees[k], small,
+                                  arena);
+        if (k > 0)
+            info[REACHED] = residual_of(level.A, level.b, level.m, v, n, 0,
+                                        REACHED_SPEED * level.damping,
+                                        solution->residual + first_row(hierarchy, k));
         info[KKT] = kkt = larger(kkt, over);
         if (info[ROUTE] <= ACTIVE_SET && !(kkt <= EXACT)) info[ROUTE] = UNVERIFIED;
         if (info[ROUTE] == UNVERIFIED && kkt <= EXACT) info[ROUTE] = ACTIVE_SET;
@@ -273,7 +304,10 @@ static int solve_once(const Hierarchy *hierarchy, int after, double *guess, Solu
     memset(solution->info, 0, sizeof(double) * (size_t)(count * COLUMNS));
     int failed = 0;
     if (hierarchy->max_rounds == 0) {
-        for (int k = 0; k < count; ++k) keep_free(&descent, k);
+        for (int k = 0; k < count; ++k) {
+            begin_level(&descent, &descent.state, k);
+            end_level(&descent, &descent.state, k);
+        }
     } else if (!closed_form(hierarchy, &descent, arena)) {
         failed = one_by_one(hierarchy, after, &descent, guess, solution, propose, backend, arena);
     }

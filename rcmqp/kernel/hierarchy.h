@@ -22,6 +22,7 @@ typedef struct {
     const double *A;      /* (rows, n) of all levels, the rest the last */
     const double *b;      /* (rows) */
     const int64_t *ends;  /* (levels) where each level's rows end */
+    const double *damping; /* (levels) of each level, 0 for a strict one; see cascade.h */
     const double *lower;  /* (n) */
     const double *upper;  /* (n) */
     const double *C;      /* (m, n) hard rows C v <= d */

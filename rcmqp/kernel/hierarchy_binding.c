@@ -2,6 +2,7 @@
 
 #define NO_IMPORT_ARRAY
 #include "arrays.h"
+#include "approach.h"
 #include "hierarchy.h"
 #include "rows.h"
 
@@ -169,12 +170,12 @@ static void copy_box(Hierarchy *hierarchy, double *lower, double *upper, Arena *
     memcpy(upper, hierarchy->upper, sizeof(double) * (size_t)hierarchy->n);
 }
 
-/* solve(A, b, ends, lower, upper, C, d, guarded, max_rounds, v, guess, backend) */
+/* solve(A, b, ends, damping, lower, upper, C, d, guarded, max_rounds, v, guess, backend) */
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("solve", count, 12)) return NULL;
-    const npy_intp m = size_of(args[6]), rows = size_of(args[1]);
+    if (!counted("solve", count, 13)) return NULL;
+    const npy_intp m = size_of(args[7]), rows = size_of(args[1]);
     const npy_intp n = rows > 0 ? size_of(args[0]) / rows : 0;
     Hierarchy hierarchy = {
         (int)n,
@@ -183,15 +184,16 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
         numbers_of(args[0], NPY_DOUBLE, rows * n, "A"),
         numbers_of(args[1], NPY_DOUBLE, rows, "b"),
         numbers_of(args[2], NPY_INT64, -1, "ends"),
-        numbers_of(args[3], NPY_DOUBLE, n, "lower"),
-        numbers_of(args[4], NPY_DOUBLE, n, "upper"),
-        numbers_of(args[5], NPY_DOUBLE, m * n, "C"),
-        numbers_of(args[6], NPY_DOUBLE, m, "d"),
-        count_of(args[7], 1000, "guarded"),
-        count_of(args[8], MOST_ROUNDS, "max_rounds"),
+        numbers_of(args[3], NPY_DOUBLE, size_of(args[2]), "damping"),
+        numbers_of(args[4], NPY_DOUBLE, n, "lower"),
+        numbers_of(args[5], NPY_DOUBLE, n, "upper"),
+        numbers_of(args[6], NPY_DOUBLE, m * n, "C"),
+        numbers_of(args[7], NPY_DOUBLE, m, "d"),
+        count_of(args[8], 1000, "guarded"),
+        count_of(args[9], MOST_ROUNDS, "max_rounds"),
     };
     if (PyErr_Occurred() || !check_levels(&hierarchy, rows)) return NULL;
-    return answered(&hierarchy, copy_box, 0, args + 9, NULL);
+    return answered(&hierarchy, copy_box, 0, args + 10, NULL);
 }
 
 /* The program's side of a cycle, from tasks and limits to a Hierarchy. */
@@ -200,6 +202,7 @@ typedef struct {
     Cycle cycle;
     const double *tasks, *vectors, *limits;
     int task_count, limit_count;
+    double period, braking; /* share of the joints' limits that tasks brake with; 0: never */
 } Program;
 
 static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena *arena)
@@ -207,13 +210,25 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
     const Program *program = (const Program *)hierarchy;
     const Cycle *cycle = &program->cycle;
     const int n = hierarchy->n, rows = (int)hierarchy->ends[hierarchy->levels - 1];
-    double *A = take(arena, rows * n), *b = take(arena, rows);
+    double *A = take(arena, rows * n), *b = take(arena, rows), *e = take(arena, rows);
     double *C = take(arena, hierarchy->m * n), *d = take(arena, hierarchy->m);
-    int at = 0;
+    const Brakes brakes = {n, cycle->joints + 3 * n, cycle->joints + 4 * n, program->braking,
+                           program->period};
+    int at = 0, level = 0, first = 0, strict = 0;
+    for (int k = 0; hierarchy->damping[k] == 0.0 && k < hierarchy->levels - 1; ++k)
+        strict = (int)hierarchy->ends[k];
     for (int k = 0; k < program->task_count; ++k) {
         const double *line = program->tasks + k * TASK_NUMBERS;
-        task_rows(cycle, line, program->vectors + 2 * k * n, A + at * n, b + at, arena);
-        at += rows_of_task(line, n);
+        const int m = rows_of_task(line, n);
+        while (at >= hierarchy->ends[level]) first = (int)hierarchy->ends[level++];
+        task_rows(cycle, line, program->vectors + 2 * k * n, A + at * n, b + at, e, arena);
+        if (has_error(line)) {
+            const double gain = line[2] * braked_share(&brakes, A, first < strict ? first : strict,
+                                                   A + at * n, e, m, line[2],
+                                                   hierarchy->damping[level], arena);
+            for (int i = 0; i < m; ++i) b[at + i] -= gain * e[i];
+        }
+        at += m;
     }
     memset(A + at * n, 0, sizeof(double) * (size_t)(n * n));
     for (int i = 0; i < n; ++i) {
@@ -229,41 +244,67 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
     hierarchy->A = A, hierarchy->b = b, hierarchy->C = C, hierarchy->d = d;
 }
 
-/* step(tasks, vectors, ends, limits, joints, guarded, max_rounds, x, J_local, angles, v, x_d,
- *      x_d_dot, pivot, pivot_dot, guess, backend, names) */
+/* braked_share(strict, A, e, gain, damping, acceleration, jerk, braking): see approach.h; braking is
+ * the period and the share. */
+PyObject *braked_share_binding(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("braked_share", count, 8)) return NULL;
+    const npy_intp n = size_of(args[5]), m = size_of(args[2]);
+    const npy_intp strict_rows = n > 0 ? size_of(args[0]) / n : 0;
+    const double *strict = numbers_of(args[0], NPY_DOUBLE, strict_rows * n, "strict");
+    const double *A = numbers_of(args[1], NPY_DOUBLE, m * n, "A");
+    const double *e = numbers_of(args[2], NPY_DOUBLE, m, "e");
+    const double gain = PyFloat_AsDouble(args[3]), damping = PyFloat_AsDouble(args[4]);
+    const double *acceleration = numbers_of(args[5], NPY_DOUBLE, n, "acceleration");
+    const double *jerk = numbers_of(args[6], NPY_DOUBLE, n, "jerk");
+    const double *braking = numbers_of(args[7], NPY_DOUBLE, 2, "braking");
+    if (PyErr_Occurred()) return NULL;
+    Arena *arena = scratch((size_t)(n * n + n));
+    if (arena == NULL) return NULL;
+    const Brakes brakes = {(int)n, acceleration, jerk, braking[1], braking[0]};
+    return PyFloat_FromDouble(
+        braked_share(&brakes, strict, (int)strict_rows, A, e, (int)m, gain, damping, arena));
+}
+
+/* step(tasks, vectors, ends, damping, limits, joints, braking, guarded, max_rounds, x, J_local,
+ *      angles, v, a, x_d, x_d_dot, pivot, pivot_dot, guess, backend, names) */
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("step", count, 18)) return NULL;
-    if (!PyTuple_Check(args[17]) || PyTuple_GET_SIZE(args[17]) != size_of(args[2]) + 3) {
+    if (!counted("step", count, 21)) return NULL;
+    if (!PyTuple_Check(args[20]) || PyTuple_GET_SIZE(args[20]) != size_of(args[2]) + 3) {
         PyErr_SetString(PyExc_ValueError,
                         "names must be a tuple, three more than there are levels");
         return NULL;
     }
-    const npy_intp n = size_of(args[9]);
+    const npy_intp n = size_of(args[11]);
     Program program = {0};
     Hierarchy *hierarchy = &program.hierarchy;
     program.tasks = numbers_of(args[0], NPY_DOUBLE, -1, "tasks");
     program.task_count = (int)(size_of(args[0]) / TASK_NUMBERS);
     program.vectors = numbers_of(args[1], NPY_DOUBLE, 2 * n * program.task_count, "vectors");
-    program.limits = numbers_of(args[3], NPY_DOUBLE, -1, "limits");
-    program.limit_count = (int)(size_of(args[3]) / LIMIT_NUMBERS);
+    program.limits = numbers_of(args[4], NPY_DOUBLE, -1, "limits");
+    program.limit_count = (int)(size_of(args[4]) / LIMIT_NUMBERS);
+    const double *braking = numbers_of(args[6], NPY_DOUBLE, 2, "braking");
     program.cycle = (Cycle){
         .n = (int)n,
-        .x = numbers_of(args[7], NPY_DOUBLE, 8, "x"),
-        .J = numbers_of(args[8], NPY_DOUBLE, 6 * n, "J_local"),
-        .angles = numbers_of(args[9], NPY_DOUBLE, n, "angles"),
-        .v = numbers_of(args[10], NPY_DOUBLE, n, "v"),
-        .x_d = numbers_of(args[11], NPY_DOUBLE, 8, "x_d"),
-        .x_d_dot = numbers_of(args[12], NPY_DOUBLE, 8, "x_d_dot"),
-        .pivot = numbers_of(args[13], NPY_DOUBLE, 3, "pivot"),
-        .pivot_dot = numbers_of(args[14], NPY_DOUBLE, 3, "pivot_dot"),
-        .joints = numbers_of(args[4], NPY_DOUBLE, 4 * n, "joints"),
+        .x = numbers_of(args[9], NPY_DOUBLE, 8, "x"),
+        .J = numbers_of(args[10], NPY_DOUBLE, 6 * n, "J_local"),
+        .angles = numbers_of(args[11], NPY_DOUBLE, n, "angles"),
+        .v = numbers_of(args[12], NPY_DOUBLE, n, "v"),
+        .a = numbers_of(args[13], NPY_DOUBLE, n, "a"),
+        .x_d = numbers_of(args[14], NPY_DOUBLE, 8, "x_d"),
+        .x_d_dot = numbers_of(args[15], NPY_DOUBLE, 8, "x_d_dot"),
+        .pivot = numbers_of(args[16], NPY_DOUBLE, 3, "pivot"),
+        .pivot_dot = numbers_of(args[17], NPY_DOUBLE, 3, "pivot_dot"),
+        .joints = numbers_of(args[5], NPY_DOUBLE, 5 * n, "joints"),
     };
     hierarchy->n = (int)n, hierarchy->levels = (int)size_of(args[2]);
     hierarchy->ends = numbers_of(args[2], NPY_INT64, -1, "ends");
-    hierarchy->guarded = count_of(args[5], 1000, "guarded");
-    hierarchy->max_rounds = count_of(args[6], MOST_ROUNDS, "max_rounds");
+    hierarchy->damping = numbers_of(args[3], NPY_DOUBLE, hierarchy->levels, "damping");
+    hierarchy->guarded = count_of(args[7], 1000, "guarded");
+    hierarchy->max_rounds = count_of(args[8], MOST_ROUNDS, "max_rounds");
     if (PyErr_Occurred()) return NULL;
     npy_intp rows = n;
     int known = 1;
@@ -283,7 +324,8 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
     }
     if (!check_levels(hierarchy, rows)) return NULL;
     see(&program.cycle);
-    const size_t more = (size_t)((rows + hierarchy->m + 12) * (n + 1) + 2 * n * n);
-    PyObject *const rest[3] = {Py_None, args[15], args[16]};
-    return answered(hierarchy, make_rows, more, rest, args[17]);
+    program.period = braking[0], program.braking = braking[1];
+    const size_t more = (size_t)((rows + hierarchy->m + 24) * (n + 1) + 4 * n * n);
+    PyObject *const rest[3] = {Py_None, args[18], args[19]};
+    return answered(hierarchy, make_rows, more, rest, args[20]);
 }

@@ -97,6 +97,33 @@ int pseudo_solve(const double *M, int m, int r, const double *c, double *y, doub
     return rank;
 }
 
+/* Lower factor of A = L L^T (n, n), positive definite, in place of its lower triangle. */
+void cholesky(double *A, int n)
+{
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; j <= i; ++j) {
+            const double left = A[i * n + j] - dot(A + i * n, A + j * n, j);
+            A[i * n + j] = i == j ? sqrt(left) : left / A[j * n + j];
+        }
+}
+
+/* B (n, columns) <- A^-1 B, with L the lower factor of A. */
+void cholesky_solve(const double *L, int n, double *B, int columns)
+{
+    for (int c = 0; c < columns; ++c) {
+        for (int i = 0; i < n; ++i) {
+            double total = B[i * columns + c];
+            for (int j = 0; j < i; ++j) total -= L[i * n + j] * B[j * columns + c];
+            B[i * columns + c] = total / L[i * n + i];
+        }
+        for (int i = n - 1; i >= 0; --i) {
+            double total = B[i * columns + c];
+            for (int j = i + 1; j < n; ++j) total -= L[j * n + i] * B[j * columns + c];
+            B[i * columns + c] = total / L[i * n + i];
+        }
+    }
+}
+
 /* lam (k) >= 0 that makes |B^T lam - g| least, by Lawson and Hanson's method; returns that norm.
  * B (k, r) has rows of about unit norm; rows found dependent are zeroed. */
 double nnls(double *B, int k, int r, const double *g, double *lam, Arena *arena)

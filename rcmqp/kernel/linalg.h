@@ -53,6 +53,10 @@ int factor(const double *A, int k, int r, double tol, double *L, double *Q, int 
 int pseudo_solve(const double *M, int m, int r, const double *c, double *y, double *Q, double *U,
                  int *range, Arena *arena);
 
+void cholesky(double *A, int n);
+
+void cholesky_solve(const double *L, int n, double *B, int columns);
+
 double nnls(double *B, int k, int r, const double *g, double *lam, Arena *arena);
 
 #endif

@@ -69,7 +69,10 @@ static void seen(const Cycle *cycle, const double *point, double *out)
     turned_back(cycle->R, apart, out);
 }
 
-/* Second derivative (2) of the trocar seen from the effector, r, while the joints go on at v. */
+/* Second derivative (2) of the trocar seen from the shaft, r, while the joints go on at v.
+ *
+ * In axes that go along with the shaft but do not spin about it: of a vector in the effector's
+ * axes, d/dt changes by omega_z e_z x vector, and omega loses its z. */
 static void bend(const Cycle *cycle, const double *r, double *out)
 {
     double twist[6] = {0}, change[6] = {0}, nu[3], omega[3], a[3], b[3], carried[3], r_dot[3];
@@ -83,6 +86,11 @@ static void bend(const Cycle *cycle, const double *r, double *out)
         for (int i = 0; i < 3; ++i)
             change[3 + i] += a[i], twist[i] += nu[i], twist[3 + i] += omega[i];
     }
+    const double spin[3] = {0.0, 0.0, twist[5]};
+    cross(spin, twist, a);
+    cross(spin, twist + 3, b);
+    for (int i = 0; i < 3; ++i) change[i] += a[i], change[3 + i] += b[i];
+    twist[5] = change[5] = 0.0;
     turned_back(cycle->R, cycle->pivot_dot, carried);
     cross(r, twist + 3, a);
     for (int i = 0; i < 3; ++i) r_dot[i] = a[i] - twist[i] + carried[i];
@@ -92,22 +100,21 @@ static void bend(const Cycle *cycle, const double *r, double *out)
     for (int i = 0; i < 2; ++i) out[i] = a[i] - change[i] + b[i];
 }
 
-static void rcm_rows(const Cycle *cycle, double gain, double period, double *A, double *b)
+static void rcm_rows(const Cycle *cycle, double period, double *A, double *b, double *e)
 {
     const int n = cycle->n;
-    double r[3], drift[3], nu[3], omega[3], a[3], second[2] = {0.0, 0.0};
+    double r[3], drift[3], nu[3], omega[3], second[2] = {0.0, 0.0};
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, drift);
     if (period > 0.0) bend(cycle, r, second);
-    for (int i = 0; i < 2; ++i) b[i] = -gain * r[i] - drift[i] - 0.5 * period * second[i];
+    for (int i = 0; i < 2; ++i) e[i] = r[i], b[i] = -drift[i] - 0.5 * period * second[i];
     for (int j = 0; j < n; ++j) {
         column(cycle, j, nu, omega);
-        cross(r, omega, a);
-        A[j] = a[0] - nu[0], A[n + j] = a[1] - nu[1];
+        A[j] = -r[2] * omega[1] - nu[0], A[n + j] = r[2] * omega[0] - nu[1];
     }
 }
 
-static void tip_rows(const Cycle *cycle, double gain, double depth, double *A, double *b)
+static void tip_rows(const Cycle *cycle, double depth, double *A, double *b, double *e)
 {
     const int n = cycle->n;
     const double a[3] = {0.0, 0.0, depth};
@@ -118,7 +125,7 @@ static void tip_rows(const Cycle *cycle, double gain, double depth, double *A, d
     for (int i = 0; i < 3; ++i) part[i] += cycle->nu_d[i];
     turned(cycle->R_d, part, speed);
     for (int i = 0; i < 3; ++i)
-        b[i] = -gain * (cycle->p[i] - cycle->p_d[i] + own[i] - other[i]) + speed[i];
+        e[i] = cycle->p[i] - cycle->p_d[i] + own[i] - other[i], b[i] = speed[i];
     for (int j = 0; j < n; ++j) {
         column(cycle, j, nu, omega);
         cross(omega, a, part);
@@ -128,7 +135,7 @@ static void tip_rows(const Cycle *cycle, double gain, double depth, double *A, d
     }
 }
 
-static void roll_rows(const Cycle *cycle, double gain, double *A, double *b)
+static void roll_rows(const Cycle *cycle, double *A, double *b, double *e)
 {
     double conj[4], s[4];
     q_conj(cycle->x_d, conj);
@@ -137,22 +144,22 @@ static void roll_rows(const Cycle *cycle, double gain, double *A, double *b)
         for (int i = 0; i < 4; ++i) s[i] = -s[i];
     const double w = s[0], x = s[1], y = s[2], z = s[3], size = w * w + z * z;
     memset(A, 0, sizeof(double) * (size_t)cycle->n);
-    b[0] = 0.0;
+    b[0] = e[0] = 0.0;
     if (size < OPPOSITE) return;
     const double own[3] = {(x * z - w * y) / size, (w * x + y * z) / size, 1.0};
     const double other[3] = {(x * z + w * y) / size, (y * z - w * x) / size, 1.0};
-    b[0] = -gain * 2.0 * atan2(z, w) + dot(other, cycle->omega_d, 3);
+    e[0] = 2.0 * atan2(z, w), b[0] = dot(other, cycle->omega_d, 3);
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < cycle->n; ++j) A[j] += own[i] * cycle->J[(3 + i) * cycle->n + j];
 }
 
-static void pose_rows(const Cycle *cycle, double gain, double *A, double *b)
+static void pose_rows(const Cycle *cycle, double *A, double *b, double *e)
 {
     double turn[8], turn_dot[8];
     see_turn(cycle->x, cycle->x_d, cycle->x_d_dot, turn, turn_dot);
     make_N(cycle->J, cycle->n, turn, A);
     for (int i = 0; i < 8 * cycle->n; ++i) A[i] = -A[i];
-    for (int i = 0; i < 8; ++i) b[i] = -gain * ((i == 0 ? 1.0 : 0.0) - turn[i]) + turn_dot[i];
+    for (int i = 0; i < 8; ++i) e[i] = (i == 0 ? 1.0 : 0.0) - turn[i], b[i] = turn_dot[i];
 }
 
 /* c = s4^2 (1 - c2^2 s3^2) (1 - c6^2 s5^2) (1 - c2^2 c6^2), and its gradient (7). */
@@ -223,8 +230,8 @@ static void wanted_rows(int n, const double *wanted, double by, double *A, doubl
     for (int i = 0; i < n; ++i) A[i * n + i] = 1.0, b[i] = by * wanted[i];
 }
 
-static void posture_rows(const Cycle *cycle, double gain, const double *vectors, double *A,
-                         double *b)
+static void posture_rows(const Cycle *cycle, const double *vectors, double *A, double *b,
+                         double *e)
 {
     const int n = cycle->n;
     memset(A, 0, sizeof(double) * (size_t)(n * n));
@@ -232,7 +239,7 @@ static void posture_rows(const Cycle *cycle, double gain, const double *vectors,
         double error = cycle->angles[i] - vectors[i];
         if (vectors[n + i] != 0.0)
             error -= 2.0 * PI * floor((error + PI) / (2.0 * PI));
-        A[i * n + i] = 1.0, b[i] = -gain * error;
+        A[i * n + i] = 1.0, b[i] = 0.0, e[i] = error;
     }
 }
 
@@ -250,20 +257,27 @@ int rows_of_task(const double *line, int n)
     return -1;
 }
 
-/* Rows A v = b of one task, multiplied by the root of its weight. */
+/* Whether the task reduces an error, at its gain. */
+int has_error(const double *line)
+{
+    return line[0] != SRS_PRODUCT && line[0] != MANIPULABILITY;
+}
+
+/* Rows A v = b - gain e of one task, multiplied by the root of its weight; e is its error. */
 void task_rows(const Cycle *cycle, const double *line, const double *vectors, double *A, double *b,
-               Arena *arena)
+               double *e, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = cycle->n, rows = rows_of_task(line, n);
     const double root = line[1], first = line[2], second = line[3];
     double *gradient = take(arena, n), c;
+    memset(e, 0, sizeof(double) * (size_t)rows);
     switch ((TaskKind)line[0]) {
-    case RCM: rcm_rows(cycle, first, second, A, b); break;
-    case TIP: tip_rows(cycle, first, second, A, b); break;
-    case ROLL: roll_rows(cycle, first, A, b); break;
-    case POSE: pose_rows(cycle, first, A, b); break;
-    case POSTURE: posture_rows(cycle, first, vectors, A, b); break;
+    case RCM: rcm_rows(cycle, second, A, b, e); break;
+    case TIP: tip_rows(cycle, second, A, b, e); break;
+    case ROLL: roll_rows(cycle, A, b, e); break;
+    case POSE: pose_rows(cycle, A, b, e); break;
+    case POSTURE: posture_rows(cycle, vectors, A, b, e); break;
     case SRS_PRODUCT:
         c = srs_product(cycle->angles, vectors, gradient);
         wanted_rows(n, gradient, first * (second - c), A, b);
@@ -275,7 +289,7 @@ void task_rows(const Cycle *cycle, const double *line, const double *vectors, do
     }
     if (root != 1.0) {
         for (int i = 0; i < rows * n; ++i) A[i] *= root;
-        for (int i = 0; i < rows; ++i) b[i] *= root;
+        for (int i = 0; i < rows; ++i) b[i] *= root, e[i] *= root;
     }
     arena->used = mark;
 }

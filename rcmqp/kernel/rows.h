@@ -38,11 +38,12 @@ typedef struct {
     const double *J;         /* (6, n) its local Jacobian, linear then angular */
     const double *angles;    /* (n) */
     const double *v;         /* (n) joint velocity now */
+    const double *a;         /* (n) joint acceleration now */
     const double *x_d;       /* (8) */
     const double *x_d_dot;   /* (8) */
     const double *pivot;     /* (3) */
     const double *pivot_dot; /* (3) */
-    const double *joints;    /* (4, n) lower, upper, velocity, acceleration limits */
+    const double *joints;    /* (5, n) lower, upper, velocity, acceleration, jerk limits */
     double R[9], p[3];       /* the effector's placement, from x */
     double R_d[9], p_d[3], nu_d[3], omega_d[3]; /* the desired one's, and its twist */
 } Cycle;
@@ -51,8 +52,10 @@ void see(Cycle *cycle);
 
 int rows_of_task(const double *line, int n);
 
+int has_error(const double *line);
+
 void task_rows(const Cycle *cycle, const double *line, const double *vectors, double *A, double *b,
-               Arena *arena);
+               double *e, Arena *arena);
 
 int rows_of_limit(const double *line);
 

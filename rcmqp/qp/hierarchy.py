@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from rcmqp import _kernel
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.qp.levels import Answer, Bounds, HierarchySolution, Level, Route
+from rcmqp.qp.levels import Answer, Bounds, HierarchySolution, Level
 from rcmqp.qp.problem import QP, InvalidProblem, QPSolver, Status, checked
-from rcmqp.qp.solvers import check_options, get_solver, solver_names
+from rcmqp.qp.solvers import get_solver, solver_names
 
 HEAVY = 1e-4
 """A backend's answer proposes the rows with multipliers above this, times the heaviest."""
@@ -31,8 +31,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
 
 def hierarchy_backends() -> list[str]:
     """Backends that a Hierarchy accepts here: its own, and every QP solver installed."""
-    names = solver_names()
-    return ["active_set", *(["daqp_levels"] if "daqp" in names else []), *names]
+    return ["active_set", *solver_names()]
 
 
 class Hierarchy:
@@ -57,8 +56,7 @@ class Hierarchy:
 
     Attributes:
         backend: ``"proxqp"``, ``"daqp"``, any solver of ``solver_names()``; ``"active_set"`` for
-            none at all; or ``"daqp_levels"``, all levels in one native call and inexact, see
-            ``daqp_levels.py``.
+            none at all.
         max_rounds: of the active set, for each level.
     """
 
@@ -68,23 +66,16 @@ class Hierarchy:
             raise OptionError(f"max_rounds is {max_rounds}, it must be from 1 to 10000")
         self._options = _DEFAULTS.get(backend, {}) | options
         self._solvers: list[QPSolver] = []
-        self._native: Any = None
         self._guesses: dict[tuple[int, int], Array] = {}
         self._verdicts: dict[int, Status] = {}
         if backend == "active_set":
             if options:
                 raise OptionError(f"active_set has no options, {sorted(options)} given")
-        elif backend == "daqp_levels":
-            get_solver("daqp")  # says what to install
-            from rcmqp.qp.daqp_levels import DaqpLevels
-
-            check_options(backend, DaqpLevels, options)
-            self._native = DaqpLevels(**options)
         else:
             try:
                 self._solvers.append(get_solver(backend, **self._options))
             except UnknownName as error:
-                known = {"active_set", "daqp_levels", *error.known}
+                known = {"active_set", *error.known}
                 raise UnknownName("hierarchy backend", backend, known) from None
 
     def reset(self) -> None:
@@ -123,24 +114,13 @@ class Hierarchy:
         A = np.concatenate([*blocks, np.eye(n)])
         b = np.concatenate([*(level.b for level in levels), rest])
         ends = np.cumsum([*(level.b.size for level in levels), n])
-        problem = (A, b, ends, bounds.lower, bounds.upper, bounds.C, bounds.d, guarded)
+        damping = np.array([*(level.damping for level in levels), 0.0])
+        problem = (A, b, ends, damping, bounds.lower, bounds.upper, bounds.C, bounds.d, guarded)
         guess = self.guess((len(ends) + 1, n + bounds.d.size))
-        if self._native is None:
-            v, numbers = _kernel.solve(*problem, self.max_rounds, None, guess, self.asks)
-            answer = Answer(numbers, ends, n, bounds.d.size)
-        else:
-            proposed = self._native.solve(A, b, ends, bounds)
-            route = Route.KEPT if proposed is None else Route.UNVERIFIED
-            v = np.zeros(n) if proposed is None else proposed
-            v, numbers = _kernel.solve(*problem, 0, v, guess, None)
-            answer = Answer(numbers, ends, n, bounds.d.size).unproved(route)
+        v, numbers = _kernel.solve(*problem, self.max_rounds, None, guess, self.asks)
+        answer = Answer(numbers, ends, n, bounds.d.size)
         names = [level.name for level in levels]
         return HierarchySolution(v, bounds.names, answer, names, self.verdicts())
-
-    @property
-    def compiled(self) -> bool:
-        """Whether compiled code solves the levels: everything but ``daqp_levels``."""
-        return self._native is None
 
     def guess(self, shape: tuple[int, int]) -> Array:
         """(levels + 1, n + m) the active set found last, where one was needed."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -25,17 +25,29 @@ class Level:
         A: (m, n); m may be zero.
         b: (m,), in the rows' unit per second for an unknown v in rad/s.
         name: for messages.
+        damping: what a unit of speed must gain to be worth it, in the rows' unit; zero for a
+            strict level. See ``Hierarchy``.
+
+    Raises:
+        InvalidProblem: the sizes do not belong together, a number is not finite, or the damping
+            is negative.
     """
 
     A: Array
     b: Array
     name: str
+    damping: float
 
-    def __init__(self, A: ArrayLike, b: ArrayLike, name: str = "") -> None:
+    def __init__(
+        self, A: ArrayLike, b: ArrayLike, name: str = "", *, damping: float = 0.0
+    ) -> None:
         matrix = checked(A, (-1, -1), f"A of level {name!r}")
         object.__setattr__(self, "A", matrix)
         object.__setattr__(self, "b", checked(b, (len(matrix),), f"b of level {name!r}"))
         object.__setattr__(self, "name", name)
+        if not 0.0 <= damping < math.inf:
+            raise InvalidProblem(f"damping of level {name!r} is {damping}; give 0 or more")
+        object.__setattr__(self, "damping", float(damping))
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -255,14 +267,6 @@ class Answer:
     ends: NDArray[np.int64]
     n: int
     m: int
-
-    def unproved(self, route: Route) -> Answer:
-        """The same, each level answered by that route, without a proof."""
-        numbers = self.numbers.copy()
-        info = numbers[-4 * (self.ends.size + 1) :].reshape(-1, 4)
-        info[:, 0], info[:, 2] = ROUTES.index(route), np.nan
-        numbers.setflags(write=False)
-        return dataclasses.replace(self, numbers=numbers)
 
     @property
     def lower(self) -> Array:

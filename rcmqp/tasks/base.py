@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
@@ -62,6 +63,41 @@ class Residual:
             )
 
 
+DAMPING = {"m": 0.01, "rad": 0.03}
+"""What 1 rad/s must gain to be worth it, by the unit of a task's error: 10 mm/s, 30 mrad/s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Approach:
+    """How fast an error may be reduced if the joints are still to stop it at zero.
+
+    A task asks for -gain e. Where |e| is large the joints could not stop from that in time, and
+    overshoot. With n = e / |e| and w = [strict; A]^+ [0; n] the joints' part in it, damped by the
+    level's damping, they can slow it down at share min_j a_j / |w_j| at the most, and change that
+    by share min_j j_j / |w_j|, and so the speed is cut at that from which such a stop ends at
+    zero. The cut is continuous in the state, and none for small errors.
+
+    Attributes:
+        acceleration: (nv,) limits, inf for none.
+        jerk: (nv,) limits, inf for none.
+        share: of the limits that is counted on; 0 for no braking.
+        period: sampling period T [s].
+        strict: (m, nv) rows of the strict levels above.
+    """
+
+    acceleration: Array
+    jerk: Array
+    share: float
+    period: float
+    strict: Array
+
+    def share_of(self, rows: Array, error: Array, gain: float, damping: float) -> float:
+        """Part in (0, 1] of -gain e that a task of rows (m, nv) and error (m,) may ask for."""
+        braking = np.array([self.period, self.share])
+        limits = self.acceleration, self.jerk
+        return _kernel.braked_share(self.strict, rows, error, gain, damping, *limits, braking)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task(abc.ABC):
     """A quantity to bring to zero: wants jacobian @ v = -gain error - drift.
@@ -76,9 +112,11 @@ class Task(abc.ABC):
             diverges: whoever knows T checks that.
         weight: of its squared residual against those of the tasks it shares a level with; it
             means nothing on a level of its own.
+        damping: what a joint speed of 1 rad/s must gain to be worth it [unit of the error]; 0
+            makes the level strict, see ``Hierarchy``. None, the default, is DAMPING of the unit.
 
     Raises:
-        OptionError: gain or weight is not positive.
+        OptionError: gain or weight is not positive, or damping negative.
     """
 
     name: ClassVar[str] = "task"
@@ -86,11 +124,19 @@ class Task(abc.ABC):
 
     gain: float = 60.0
     weight: float = 1.0
+    damping: float | None = None
 
     def __post_init__(self) -> None:
-        """Check gain and weight."""
+        """Check gain, weight and damping."""
         check_positive("gain", self.gain, "1/s")
         check_positive("weight", self.weight)
+        if self.damping is not None and not 0.0 <= self.damping < math.inf:
+            raise OptionError(f"damping = {self.damping}; it must be 0 or more, and finite")
+
+    @property
+    def speed_damping(self) -> float:
+        """The damping in force, [unit of the error] a radian."""
+        return DAMPING.get(self.unit, 0.0) if self.damping is None else self.damping
 
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
@@ -105,11 +151,28 @@ class Task(abc.ABC):
         """The task for compiled code, see rcmqp/kernel/rows.h; None: evaluate() is called."""
         return None
 
-    def level(self, state: ArmState, reference: Reference) -> Level:
+    def level(
+        self, state: ArmState, reference: Reference, approach: Approach | None = None
+    ) -> Level:
         """The task as a level of a hierarchy, in the error's unit per second.
+
+        Args:
+            state: of the arm.
+            reference: what is asked.
+            approach: how fast errors may be reduced; without one, in proportion.
 
         Raises:
             InvalidProblem: what evaluate() gives does not belong together, or is no Residual.
+        """
+        residual, damping = self.residual(state, reference), self.speed_damping
+        wanted = self._wanted(residual, 1.0, damping, approach)
+        return Level(residual.jacobian, wanted, self.name, damping=damping)
+
+    def residual(self, state: ArmState, reference: Reference) -> Residual:
+        """What evaluate() gives, checked.
+
+        Raises:
+            InvalidProblem: it does not belong together, or is no Residual.
         """
         try:
             residual = self.evaluate(state, reference)
@@ -119,8 +182,17 @@ class Task(abc.ABC):
             raise InvalidProblem(
                 f"{type(self).__name__}.evaluate() returned {residual!r}, it must be a Residual"
             )
-        wanted = -self.gain * residual.error - residual.drift
-        return Level(residual.jacobian, wanted, self.name)
+        return residual
+
+    def _wanted(
+        self, residual: Residual, root: float, damping: float, approach: Approach | None
+    ) -> Array:
+        """-gain error - drift (m,), the error's part no faster than the joints can stop."""
+        share = 1.0
+        if approach is not None:
+            rows, error = root * residual.jacobian, root * residual.error
+            share = approach.share_of(rows, error, self.gain, damping)
+        return -self.gain * share * residual.error - residual.drift
 
     def __add__(self, other: Task | Together) -> Together:
         """Both on one level."""
@@ -150,15 +222,21 @@ class Together:
         """Names of the tasks."""
         return " + ".join(task.name for task in self.tasks)
 
-    def level(self, state: ArmState, reference: Reference) -> Level:
-        """All rows, each multiplied by the root of its task's weight."""
-        levels = [task.level(state, reference) for task in self.tasks]
-        roots = [math.sqrt(task.weight) for task in self.tasks]
-        return Level(
-            np.vstack([root * level.A for root, level in zip(roots, levels, strict=True)]),
-            np.concatenate([root * level.b for root, level in zip(roots, levels, strict=True)]),
-            self.name,
-        )
+    @property
+    def speed_damping(self) -> float:
+        """The largest of the tasks', each multiplied by the root of its weight."""
+        return max(math.sqrt(task.weight) * task.speed_damping for task in self.tasks)
+
+    def level(
+        self, state: ArmState, reference: Reference, approach: Approach | None = None
+    ) -> Level:
+        """All rows, each multiplied by the root of its task's weight; see Task.level()."""
+        damping, A, b = self.speed_damping, [], []
+        for task in self.tasks:
+            residual, root = task.residual(state, reference), math.sqrt(task.weight)
+            A.append(root * residual.jacobian)
+            b.append(root * task._wanted(residual, root, damping, approach))
+        return Level(np.vstack(A), np.concatenate(b), self.name, damping=damping)
 
     def __add__(self, other: Task | Together) -> Together:
         """All on one level."""

@@ -41,6 +41,8 @@ class ObjectiveTask(Task):
     name: ClassVar[str] = "objective"
     unit: ClassVar[str] = "rad"
 
+    damping: float | None = field(default=0.0, kw_only=True)
+
     objective: Objective
     c_d: float = 1.0
     K_c: float = 7.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp import _kernel
@@ -29,6 +29,8 @@ class PoseTask(Task):
     """
 
     name: ClassVar[str] = "pose"
+
+    damping: float | None = field(default=0.005, kw_only=True)
 
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (8,), no unit for the rotation and [m] for half the translation."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -34,6 +34,8 @@ class PostureTask(Task):
 
     name: ClassVar[str] = "posture"
     unit: ClassVar[str] = "rad"
+
+    damping: float | None = field(default=0.0, kw_only=True)
 
     posture: ArrayLike
     continuous: ArrayLike = ()
