@@ -50,7 +50,7 @@ static void turn(State *state, const double *Q, int rank, Arena *arena)
 }
 
 /* Take the span of rows (count, n), of about unit norm, out of the free directions. */
-void narrow(State *state, const double *rows, int count, Arena *arena)
+void narrow(State *state, const double *rows, int count, double tol, Arena *arena)
 {
     const size_t mark = arena->used;
     const int free = state->free;
@@ -59,7 +59,7 @@ void narrow(State *state, const double *rows, int count, Arena *arena)
     int *order = (int *)take(arena, count);
     for (int i = 0; i < count; ++i)
         for (int j = 0; j < free; ++j) B[i * free + j] = along(state, rows + i * state->n, j);
-    turn(state, Q, factor(B, count, free, RANK_TOL, L, Q, order), arena);
+    turn(state, Q, factor(B, count, free, tol, L, Q, order), arena);
     arena->used = mark;
 }
 
@@ -67,6 +67,9 @@ static void move(State *state, const double *y)
 {
     for (int p = 0; p < state->n; ++p) state->v[p] += dot(state->Z + p * state->n, y, state->free);
 }
+
+/* What counts as dependent in rows that were divided by `weight`. */
+static double resolution(double weight) { return larger(RESOLUTION / weight, ROUNDING); }
 
 /* Rows of a damped level's speed: L Z^T (free, n), see cascade.h; B (m, free) is A Z. */
 static void speed_rows(const State *state, const double *B, int m, double damping, double *speed,
@@ -119,8 +122,9 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
     double *R = take(arena, N * free), *lower = take(arena, N), *upper = take(arena, N);
     const double weight = norm_of(level->A, m * n);
     double total = 0.0;
-    *problem = (Problem){all, free, 0, M, c, noise, R, lower, upper, weight, 0.0};
+    *problem = (Problem){all, free, 0, M, c, noise, R, lower, upper, weight, 0.0, 0.0};
     if (weight == 0.0) return;
+    problem->tol = resolution(weight);
     for (int i = 0; i < m; ++i) {
         const double Av = add_row(state, level->A + i * n, level->b[i], weight, i, problem);
         total += Av * Av;
@@ -171,8 +175,9 @@ static int overflows(const Problem *problem)
  * min sum_i max(0, C_i v - d_i)^2 in the box. The rows V exceeded at the optimum are searched:
  * least squares of V's excess while the other rows are kept; then a row that ends below its bound
  * leaves V, and one whose multiplier says that exceeding it pays enters. The sum falls from round
- * to round, so that no V comes back. */
-Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *rounds, Arena *arena)
+ * to round, so that no V comes back. With damping, speed (n, n) is weighed against the sum. */
+Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
+                   double *multipliers, int *rounds, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = state->n, N = state->N;
@@ -212,7 +217,7 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
                     continue;
                 memcpy(A + count++ * n, state->G + i * n, sizeof(double) * (size_t)n);
             }
-            narrow(state, A, count, arena);
+            narrow(state, A, count, RESOLUTION, arena);
             break;
         }
         if (round == max_rounds) {
@@ -223,7 +228,7 @@ Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *round
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        make_problem(&open, &(Level){m, A, b, 0.0}, &problem, NULL, index, arena);
+        make_problem(&open, &(Level){m, A, b, damping}, &problem, speed, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
             break;
@@ -255,8 +260,17 @@ static void keep(State *state, const Level *level, double weight, const int *bou
     for (int i = 0; i < m * n; ++i) kept[i] = level->A[i] / weight;
     for (int i = 0; i < count; ++i)
         memcpy(kept + (m + i) * n, state->G + bounds[i] * n, sizeof(double) * (size_t)n);
-    narrow(state, kept, m + count, arena);
+    narrow(state, kept, m + count, resolution(weight), arena);
     arena->used = mark;
+}
+
+/* Hold later levels to what a damped one has just reached exactly, as they are by a strict one. */
+void keep_exactly(State *state, const Level *level, Arena *arena)
+{
+    const double weight = norm_of(level->A, level->m * state->n);
+    if (weight == 0.0 || !(weight < LARGEST)) return;
+    state->held -= level->m;
+    keep(state, level, weight, NULL, 0, arena);
 }
 
 /* One level: move to its optimum, and keep A v from now on, exactly or as a damped level does.
@@ -282,7 +296,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
         route = KEPT;
         goto done;
     }
-    const int rank = pseudo_solve(problem.M, all, free, problem.c, y, Q, U, &range, arena);
+    const int rank = pseudo_solve(problem.M, all, free, problem.c, problem.tol, y, Q, U, &range, arena);
     if (rank >= 0 && feasible(&problem, y)) {
         move(state, y);
         if (level->damping > 0.0)

@@ -16,9 +16,9 @@
  *
  * over what is free, c_j = A_j v_j what the damped levels above have reached. L is an analytic
  * function of A: d in a direction in which A gains nothing, d^3 / (d^2 + sigma^2) in one with the
- * singular value sigma. The first two terms alone have eigenvalues of at least 0.88 d^2, so the
+ * singular value sigma. The first two terms alone have eigenvalues of at least 0.889 d^2, so the
  * optimum is unique, and continuous in A, b, Z and the bounds; without bounds v changes by at most
- * 0.82 / d of a change of b. Where nothing is near singular or blocked, it is the strict level's
+ * 0.81 / d of a change of b. Where nothing is near singular or blocked, it is the strict level's
  * answer to (d / sigma)^6. A damped level takes nothing out of Z; the last term holds later levels
  * to c_j.
  */
@@ -26,6 +26,13 @@
 #define RCMQP_CASCADE_H
 
 #include "level.h"
+
+/* A direction in which a level gains less at unit speed is left to the levels below: nm/s, or
+ * nrad/s, at 1 rad/s [unit of the rows]. */
+#define RESOLUTION 1e-9
+
+/* Less than this share of a level's numbers is rounding, whatever the resolution. */
+#define ROUNDING 1e-13
 
 /* A bound leaves Z if its multiplier is above this, relative to the level's size. A smaller one
  * stays an inequality, which is never wrong, only more degenerate. */
@@ -39,8 +46,7 @@ typedef enum { CLOSED_FORM, POLISHED, ACTIVE_SET, UNVERIFIED, KEPT, BLOCKED } Ro
 
 /* A level below moves a damped one by as much as this, times the damping, for each unit of its own
  * residual that it saves. */
-#define EXCHANGE (getenv("EXCHANGE") ? atof(getenv("EXCHANGE")) : 0.01)
-#include <stdlib.h>
+#define EXCHANGE 0.01
 
 /* One level: rows A v = b. Strict where damping is zero: later levels keep A v exactly. */
 typedef struct {
@@ -70,9 +76,12 @@ double norm_of(const double *x, int count);
 void make_problem(const State *state, const Level *level, Problem *problem, double *speed,
                   int *rows, Arena *arena);
 
-void narrow(State *state, const double *rows, int count, Arena *arena);
+void narrow(State *state, const double *rows, int count, double tol, Arena *arena);
 
-Route satisfy_rows(State *state, int max_rounds, double *multipliers, int *rounds, Arena *arena);
+Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
+                   double *multipliers, int *rounds, Arena *arena);
+
+void keep_exactly(State *state, const Level *level, Arena *arena);
 
 Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
               double *speed, double *multipliers, int *rounds, Arena *arena);

@@ -8,6 +8,11 @@
 #define REACHED_TOL 1e-9
 #define REACHED_SPEED 0.01
 
+/* Damping of hard rows and guarded levels that cannot be reached: it grows with what is left, half
+ * of the first at the second [unit of the rows per unit of v, unit of the rows per second]. */
+#define UNREACHED_DAMPING 0.01
+#define UNREACHED 1e-3
+
 /* A bound this near counts as active, relative to its size where that is above one. */
 #define TOUCHING_TOL 1e-9
 
@@ -28,6 +33,7 @@ typedef struct {
     double *vs;   /* (levels + 1, n) the optimum of each level; v in the end is that of the last */
     double *speeds; /* (levels + 1, n, n) rows of a damped level's speed */
     int *helds;   /* (levels + 1) rows of damped levels before each level */
+    double *damping; /* (levels + 1) of each level as it was solved */
 } Descent;
 
 /* Numbers of scratch memory that solve_hierarchy() never exceeds. */
@@ -57,9 +63,12 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
                      take(arena, N), take(arena, N), 0, take(arena, rows * n), take(arena, rows)},
                     1.0, take(arena, rows), take(arena, (levels + 1) * n * n),
                     (int *)take(arena, levels + 1), take(arena, (levels + 1) * n),
-                    take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1)};
+                    take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1),
+                    take(arena, levels + 1)};
     State *state = &made.state;
     double largest = 0.0;
+    made.damping[0] = 0.0;
+    memcpy(made.damping + 1, hierarchy->damping, sizeof(double) * (size_t)levels);
     for (int i = 0; i < n; ++i) {
         const double low = fabs(hierarchy->lower[i]), up = fabs(hierarchy->upper[i]);
         if (low < INFINITY) largest = larger(largest, low);
@@ -104,11 +113,41 @@ static void end_level(Descent *descent, const State *state, int k)
     memcpy(descent->vs + k * state->n, state->v, sizeof(double) * (size_t)state->n);
 }
 
-static Level level_of(const Hierarchy *hierarchy, const double *b, int k)
+static Level level_of(const Hierarchy *hierarchy, const Descent *descent, const double *b, int k)
 {
     const int first = first_row(hierarchy, k);
     return (Level){rows_of(hierarchy, k), hierarchy->A + first * hierarchy->n, b + first,
-                   hierarchy->damping[k - 1]};
+                   descent->damping[k]};
+}
+
+/* By how much v exceeds the hard rows, in the caller's unit. */
+static double excess_of(const Descent *descent, const double *upper)
+{
+    const State *state = &descent->state;
+    double total = 0.0;
+    for (int i = state->n; i < state->N; ++i) {
+        const double Gv = dot(state->G + i * state->n, state->v, state->n);
+        const double over = state->norms[i] * larger(Gv - upper[i], 0.0) * descent->unit;
+        total += over * over;
+    }
+    return sqrt(total);
+}
+
+/* Damping of what cannot be reached: it grows with what is left, so that it begins at none. */
+static double unreached_damping(double left)
+{
+    return UNREACHED_DAMPING * left / (left + UNREACHED);
+}
+
+/* How far A v is from b. */
+static double missing(const Level *level, const double *v, int n)
+{
+    double total = 0.0;
+    for (int i = 0; i < level->m; ++i) {
+        const double part = level->b[i] - dot(level->A + i * n, v, n);
+        total += part * part;
+    }
+    return sqrt(total);
 }
 
 /* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all;
@@ -126,7 +165,7 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     for (int k = 0; k <= hierarchy->levels && fits; ++k) {
         begin_level(descent, &open, k);
         if (k > 0) {
-            const Level level = level_of(hierarchy, descent->goal, k);
+            const Level level = level_of(hierarchy, descent, descent->goal, k);
             fits = descend(&open, &level, 1, none, 1, descent->speeds + k * square, none, &rounds,
                            arena) == CLOSED_FORM;
         }
@@ -153,6 +192,16 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
         }
     arena->used = mark;
     return fits;
+}
+
+/* Back to where level k began. */
+static void go_back(Descent *descent, const double *before, int k)
+{
+    State *state = &descent->state;
+    const int n = state->n;
+    state->free = descent->frees[k], state->held = descent->helds[k];
+    memcpy(state->v, before, sizeof(double) * (size_t)n);
+    memcpy(state->Z, descent->Zs + k * n * n, sizeof(double) * (size_t)(n * n));
 }
 
 static int is_finite(const State *state)
@@ -187,9 +236,20 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
         memcpy(before, state->v, sizeof(double) * (size_t)n);
         memcpy(proposed, guess + k * N, sizeof(double) * (size_t)N);
         if (k == 0) {
-            route = satisfy_rows(state, hierarchy->max_rounds, multipliers, &rounds, arena);
+            double *speed = descent->speeds;
+            route = satisfy_rows(state, 0.0, hierarchy->max_rounds, speed, multipliers, &rounds,
+                                 arena);
+            const double left = excess_of(descent, asked);
+            if (left > REACHED_TOL) {
+                descent->damping[0] = unreached_damping(left);
+                go_back(descent, before, k);
+                memcpy(state->upper, asked, sizeof(double) * (size_t)N);
+                memset(multipliers, 0, sizeof(double) * (size_t)N);
+                route = satisfy_rows(state, descent->damping[0], hierarchy->max_rounds, speed,
+                                     multipliers, &rounds, arena);
+            }
         } else {
-            const Level level = level_of(hierarchy, descent->goal, k);
+            Level level = level_of(hierarchy, descent, descent->goal, k);
             double *speed = descent->speeds + k * n * n;
             route = descend(state, &level, hierarchy->max_rounds, proposed, propose != NULL, speed,
                             multipliers, &rounds, arena);
@@ -202,11 +262,19 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
                 route = descend(state, &level, hierarchy->max_rounds, proposed, 0, speed,
                                 multipliers, &rounds, arena);
             }
+            const double left = missing(&level, state->v, n) * descent->unit;
+            if (k <= hierarchy->guarded && level.damping == 0.0 && left > REACHED_TOL) {
+                level.damping = descent->damping[k] = unreached_damping(left);
+                go_back(descent, before, k);
+                memset(multipliers, 0, sizeof(double) * (size_t)N);
+                route = descend(state, &level, hierarchy->max_rounds, proposed, 0, speed,
+                                multipliers, &rounds, arena);
+                keep_exactly(state, &level, arena);
+            }
         }
         if (!is_finite(state)) {
-            route = KEPT, state->free = descent->frees[k], state->held = descent->helds[k];
-            memcpy(state->v, before, sizeof(double) * (size_t)n);
-            memcpy(state->Z, descent->Zs + k * n * n, sizeof(double) * (size_t)(n * n));
+            route = KEPT;
+            go_back(descent, before, k);
         }
         end_level(descent, state, k);
         info[ROUTE] = (double)route, info[ROUNDS] = (double)rounds;
@@ -262,7 +330,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     over /= larger(small, size);
     solution->info[REACHED] =
         residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, 0.0, solution->violation);
-    Level exceeded = {0, rows, goal, 0.0};
+    Level exceeded = {0, rows, goal, descent->damping[0]};
     for (int i = 0; i < m; ++i) {
         if (!(solution->violation[i] > 0.0)) continue;
         memcpy(rows + exceeded.m * n, hierarchy->C + i * n, sizeof(double) * (size_t)n);
@@ -272,7 +340,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     for (int k = 0; k <= hierarchy->levels; ++k) {
         double *info = solution->info + k * COLUMNS, *multipliers = solution->multipliers + k * N;
         double *at = descent->vs + k * n;
-        const Level level = k == 0 ? exceeded : level_of(hierarchy, hierarchy->b, k);
+        const Level level = k == 0 ? exceeded : level_of(hierarchy, descent, hierarchy->b, k);
         for (int i = 0; i < N; ++i) multipliers[i] *= unit;
         for (int i = 0; i < n; ++i) at[i] *= unit;
         state->held = descent->helds[k];

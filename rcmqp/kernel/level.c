@@ -197,7 +197,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
                 MN[i * n_free + b] = total;
             }
         }
-        pseudo_solve(MN, m, n_free, left, w, free, U, &range, arena);
+        pseudo_solve(MN, m, n_free, left, problem->tol, w, free, U, &range, arena);
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
         if (turn == 0 && count > 0) {
             advance(y, 1.0, step, r);

@@ -26,6 +26,7 @@ typedef struct {
     double *upper; /* (k) at least zero, inf for none */
     double weight; /* the level's norm; 0 where there is nothing to do */
     double scale;  /* size of the numbers that c is a difference of */
+    double tol;    /* rows with less than this left of them are dependent */
 } Problem;
 
 int feasible(const Problem *problem, const double *y);

@@ -51,13 +51,14 @@ int factor(const double *A, int k, int r, double tol, double *L, double *Q, int 
     return rank;
 }
 
-/* Least squares of least norm: y (r) = M^+ c, refined once; M (m, r) scaled for RANK_TOL.
+/* Least squares of least norm: y (r) = M^+ c, refined once; rows of M (m, r)
+ * with less than tol left of them are dependent.
  *
  * Q (r, r): columns from rank on span the null space of M. Where rank < m, the first *range
  * columns of U (m, m) span the range of M; otherwise *range is -1: the range is everything.
  * Returns the rank, or -1 where the numbers are no numbers. */
-int pseudo_solve(const double *M, int m, int r, const double *c, double *y, double *Q, double *U,
-                 int *range, Arena *arena)
+int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,
+                 double *U, int *range, Arena *arena)
 {
     const size_t mark = arena->used;
     const int size = m > r ? m : r;
@@ -65,7 +66,7 @@ int pseudo_solve(const double *M, int m, int r, const double *c, double *y, doub
     double *left = take(arena, size), *S = NULL;
     int *order = (int *)take(arena, m), *turn = NULL;
     memset(y, 0, sizeof(double) * (size_t)r);
-    int rank = factor(M, m, r, RANK_TOL, L, Q, order);
+    int rank = factor(M, m, r, tol, L, Q, order);
     const int tall = rank < m;
     *range = tall ? rank : -1;
     if (tall && rank > 0) { /* M = T^T Q1^T with T (rank, m) = L^T; T[turn] = S U1^T */

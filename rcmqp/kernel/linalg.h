@@ -9,10 +9,6 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Rows with less than this left of them are dependent. Matrices come scaled by the norm of their
- * level's matrix A (not by their own: all that earlier levels left of A may be rounding). */
-#define RANK_TOL 1e-10
-
 /* Scratch memory: take() from it, and put `used` back where it was when done. */
 typedef struct {
     double *memory;
@@ -50,8 +46,8 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 
 int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order);
 
-int pseudo_solve(const double *M, int m, int r, const double *c, double *y, double *Q, double *U,
-                 int *range, Arena *arena);
+int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,
+                 double *U, int *range, Arena *arena);
 
 void cholesky(double *A, int n);
 
