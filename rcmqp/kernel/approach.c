@@ -9,7 +9,7 @@
 #define STRICT_DAMPING 1e-3
 
 /* Weight of the strict rows against those of the task. */
-#define STRICT_WEIGHT 1e6
+#define STRICT_WEIGHT 1e3
 
 /* Speed from which a stop with limited acceleration and jerk ends after `distance`.
  *

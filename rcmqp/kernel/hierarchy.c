@@ -240,7 +240,7 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
             route = satisfy_rows(state, 0.0, hierarchy->max_rounds, speed, multipliers, &rounds,
                                  arena);
             const double left = excess_of(descent, asked);
-            if (left > REACHED_TOL) {
+            if (hierarchy->guarded > 0 && left > REACHED_TOL) {
                 descent->damping[0] = unreached_damping(left);
                 go_back(descent, before, k);
                 memcpy(state->upper, asked, sizeof(double) * (size_t)N);
