@@ -46,7 +46,7 @@ typedef enum { CLOSED_FORM, POLISHED, ACTIVE_SET, UNVERIFIED, KEPT, BLOCKED } Ro
 
 /* A level below moves a damped one by as much as this, times the damping, for each unit of its own
  * residual that it saves. */
-#define EXCHANGE 0.01
+#define EXCHANGE 0.003
 
 /* One level: rows A v = b. Strict where damping is zero: later levels keep A v exactly. */
 typedef struct {
