@@ -74,8 +74,8 @@ class HierarchicalQP(Controller):
     ``exact`` is 1 where every level is proved to be the optimum of that problem, with its damping,
     to rounding; see Hierarchy for the proof.
 
-    An error is approached no faster than the joints can stop it (``approach``), so the tip comes to
-    rest without overshoot, also where the reference stops, jumps, or turns back.
+    An error is approached no faster than the joints can stop it (``approach``), so the tip comes
+    to rest without overshoot, also where the reference stops, jumps, or turns back.
 
     Attributes:
         gain: K of every task [1/s]; K T must be below 2.

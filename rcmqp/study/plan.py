@@ -12,19 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.controllers import CONTROLLERS, Controller, HierarchicalQP, make_controller
+from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.loading import arm_names
 from rcmqp.operators import CameraTrial, Operator, operator_of_study
 from rcmqp.scenario import Scenario
 from rcmqp.scenario_loading import load_scenario
-from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
 
 PAPERS_PERIOD = 8e-3
 """Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
-
-ROLL_WEIGHT = 0.01
-"""Of the roll beside the tip [m^2]: one radian is worth 10 cm, about the depth of the tip."""
 
 PERIOD = 1e-3
 """Sampling period of every other controller [s]."""
@@ -36,15 +32,10 @@ Stamp = tuple[int, int]
 class Law:
     """A controller, its period and its options.
 
-    hierarchical_qp holds the camera's pose as one level, tip and roll, where its own default has
-    the roll below the tip: whoever steers by an image that has turned by more than a right angle
-    goes the wrong way, and an arm that the hand outruns, as the LWA3, gives up the roll first.
-
     Attributes:
         name: a key of CONTROLLERS, hyphens as good as underscores.
         period: sampling period [s]; without it PAPERS_PERIOD for the paper's law, else PERIOD.
-        options: of the controller, by name; hierarchical_qp's backend is active_set unless they
-            say otherwise: the answers are those of any other, and limits are in the way often.
+        options: of the controller, by name.
     """
 
     name: str = "dual_quaternion"
@@ -59,8 +50,6 @@ class Law:
         if self.period is None:
             period = PAPERS_PERIOD if self.name == "dual_quaternion" else PERIOD
             object.__setattr__(self, "period", period)
-        if self.name == HierarchicalQP.name and "backend" not in dict(self.options):
-            object.__setattr__(self, "options", (*self.options, ("backend", "active_set")))
         if not 0.0 < self.period < 0.04:
             raise OptionError(
                 f"period = {self.period} s, it must be positive and below 0.04 s, or an "
@@ -79,11 +68,8 @@ class Law:
             UnknownName: there is no such controller or option.
             OptionError: an option's value is not allowed.
         """
-        insertion, options = scenario.insertion(), dict(self.options)
-        made = make_controller(self.name, insertion, scenario.period, **options)
-        if not isinstance(made, HierarchicalQP):
-            return made
-        return dataclasses.replace(made, levels=_camera_levels(made))
+        options = dict(self.options)
+        return make_controller(self.name, scenario.insertion(), scenario.period, **options)
 
     def to_json(self) -> str:
         """Name, period and options; what JSON does not know, as text."""
@@ -194,19 +180,6 @@ class Study:
             Trial(self.scenario, i, self.seed, arm, law, self.flange)
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
-
-
-def _camera_levels(made: HierarchicalQP) -> list[Task | Together]:
-    """The RCM, then tip and roll, then the objective, with the controller's own gains."""
-    insertion, gain = made.insertion, made.gain
-    levels: list[Task | Together] = [
-        RcmTask(gain=gain, period=made.period),
-        TipTask(insertion.tip_depth, gain=gain) + RollTask(gain=gain, weight=ROLL_WEIGHT),
-    ]
-    if made.K_c > 0.0:
-        chosen = {"objective": made.objective} if made.objective else {}
-        levels.append(ObjectiveTask.made_for(insertion, c_d=made.c_d, K_c=made.K_c, **chosen))
-    return levels
 
 
 @functools.cache

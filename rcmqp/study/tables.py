@@ -92,7 +92,7 @@ as the camera is within 1 mm of it, however fast. Controllers are compared at th
 the law's RCM error grows with the period and the square of the speed. A movement of the model's
 peaks at 60 or 80 mm/s, to which arm and tremor add some; the paper's largest error, 4.82 mm,
 asks for 290 mm/s, or for a jump. The same people look for the same times with every controller.
-hierarchical_qp holds tip and roll as one level. It knows the obstacle and keeps the shaft out of
+hierarchical_qp knows the obstacle and keeps the shaft out of
 it, whatever the operator asks for; the paper's law does not.
 """
 
