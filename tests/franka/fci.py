@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
 import pylibfranka
+from demands import PERIOD, TIP_DEPTH, Demand
 from numpy.typing import ArrayLike
 
 from rcmqp import Arm, Insertion, Instrument, Reference, ViewCommand, make_controller, view_pose
 from rcmqp.controllers.base import Controller
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import rcm_error
-
-PERIOD = 1e-3
-"""A cycle of Franka's interface [s]."""
 
 URDF = Path(__file__).with_name("fr3.urdf")
 
@@ -57,21 +56,6 @@ def fr3(*, jerk: float = 5000.0) -> Arm:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Demand:
-    """What happens in a cycle.
-
-    Attributes:
-        view: the view asked for; None where the reference is lost, and NaN.
-        stop: begin a safe stop, and go on when it is over.
-        dropped: this cycle's command does not arrive.
-    """
-
-    view: ViewCommand | None
-    stop: bool = False
-    dropped: bool = False
-
-
 @dataclass
 class Account:
     """What came of it.
@@ -98,30 +82,33 @@ class Account:
     acceleration_max: float = 0.0
     speed_max: float = 0.0
 
+    def add(self, other: Account) -> None:
+        """Count another motion in: of what is the largest, the larger one remains."""
+        for name, value in vars(other).items():
+            mine = getattr(self, name)
+            setattr(self, name, max(mine, value) if "_max" in name else mine + value)
+
 
 class Fci:
     """A connection to a robot, or to its simulator."""
 
     def __init__(self, address: str) -> None:
         self.robot = pylibfranka.Robot(address, pylibfranka.RealtimeConfig.kIgnore)
-        self.account = Account()
 
-    def go_to(self, angles: ArrayLike, seconds: float = 3.0) -> None:
+    def go_to(self, angles: ArrayLike) -> None:
         """Move the joints to ``angles`` (7,) [rad], smoothly, at rest at both ends."""
-        control, state = self._begin()
-        begin, count = np.array(state.q_d), round(seconds / PERIOD)
-        s = np.linspace(0.0, 1.0, count + 1)
-        moved = np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.asarray(angles) - begin)
-        for v in np.diff(moved, axis=0) / PERIOD:
-            control.readOnce()
-            control.writeOnce(pylibfranka.JointVelocities(v.tolist()))
-        self._finish(control)
+        with Motion(self.robot) as motion:
+            way = np.asarray(angles) - np.array(motion.read()[0].q_d)
+            s = np.linspace(0.0, 1.0, round(max(0.5, 1.5 * _largest(way)) / PERIOD))
+            for ds in np.diff(s**3 * (10.0 - 15.0 * s + 6.0 * s**2)):
+                motion.send(ds / PERIOD * way)
+                motion.read()
+            motion.finish()
 
     def drive(
         self,
         arm: Arm,
-        asked: Callable[[int], Demand],
-        cycles: int,
+        demands: Sequence[Demand],
         *,
         controller: str = "hierarchical_qp",
     ) -> Account:
@@ -132,83 +119,93 @@ class Fci:
 
         Args:
             arm: with the limits that are to be kept.
-            asked: what happens in cycle k.
-            cycles: how many, without those of the stop at the end.
+            demands: what happens in each cycle; a safe stop follows.
             controller: its name.
 
         Returns:
             What came of it; a reflex of the robot ends it early.
         """
         account = Account()
-        control, state = self._begin()
-        insertion = Insertion.on_shaft(arm, Instrument(), np.array(state.q_d), depth=0.1)
-        made = make_controller(controller, insertion, PERIOD)
-        _warm_up(made)
-        drive = _Drive(control, made, account)
-        with _no_garbage_collection():
-            try:
-                drive.run(asked, cycles)
-                self._finish(control)
-            except pylibfranka.ControlException as error:
-                account.reflexes.append(str(error))
-                self.robot.automatic_error_recovery()
+        try:
+            with Motion(self.robot) as motion, _no_garbage_collection():
+                start = np.array(motion.read()[0].q_d)
+                insertion = Insertion.on_shaft(arm, Instrument(), start, depth=TIP_DEPTH)
+                made = make_controller(controller, insertion, PERIOD)
+                _warm_up(made)
+                _Drive(motion, made, account).run(demands)
+                motion.finish()
+        except pylibfranka.ControlException as error:
+            account.reflexes.append(str(error))
+            self.robot.automatic_error_recovery()
         return account
 
-    def _begin(self) -> tuple[pylibfranka.ActiveControlBase, pylibfranka.RobotState]:
-        mode = pylibfranka.ControllerMode.JointImpedance
-        control = self.robot.start_joint_velocity_control(mode)
-        return control, control.readOnce()[0]
 
-    def _finish(self, control: pylibfranka.ActiveControlBase) -> None:
-        last = pylibfranka.JointVelocities([0.0] * 7)
-        for _ in range(SETTLE):
-            control.readOnce()
-            control.writeOnce(last)
-        control.readOnce()
-        last.motion_finished = True
-        control.writeOnce(last)
+class Motion:
+    """A motion by joint velocities; the client begins no other until this one is left."""
+
+    def __init__(self, robot: pylibfranka.Robot) -> None:
+        mode = pylibfranka.ControllerMode.JointImpedance
+        self._control = robot.start_joint_velocity_control(mode)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        del self._control
+
+    def read(self) -> tuple[pylibfranka.RobotState, int]:
+        """The robot's next state, and how many cycles after the one before it."""
+        state, since = self._control.readOnce()
+        return state, round(since.to_sec() / PERIOD)
+
+    def send(self, v: Array, *, last: bool = False) -> None:
+        """Answer a state with a joint velocity (7,) [rad/s]."""
+        command = pylibfranka.JointVelocities(v.tolist())
+        command.motion_finished = last
+        self._control.writeOnce(command)
+
+    def finish(self) -> None:
+        """End the motion of an arm that is at rest."""
+        self.read()
+        self.send(np.zeros(7), last=True)
 
 
 class _Drive:
     """A motion under a controller."""
 
-    def __init__(
-        self, control: pylibfranka.ActiveControlBase, controller: Controller, account: Account
-    ) -> None:
-        self.control, self.controller, self.account = control, controller, account
+    def __init__(self, motion: Motion, controller: Controller, account: Account) -> None:
+        self.motion, self.controller, self.account = motion, controller, account
         self.insertion = controller.insertion
         self.pivot = np.array(controller.insertion.trocar.pivot)
 
-    def run(self, asked: Callable[[int], Demand], cycles: int) -> None:
-        """All cycles, then a safe stop."""
+    def run(self, demands: Sequence[Demand]) -> None:
+        """All of them, then a safe stop."""
         resting = 0
-        for k in range(cycles):
-            demand = asked(k)
+        for demand in demands:
             if demand.stop:
                 self.account.stops += 1
-                resting = -1  # stop first
-            stopped = self._cycle(demand, stop=resting != 0)
-            if resting < 0 and stopped:
                 resting = SETTLE
-            elif resting > 0:
+            at_rest = self._cycle(demand, stop=resting > 0)
+            if resting > 0 and at_rest:
                 resting -= 1
                 if resting == 0:
                     self.controller.reset()
-        while not self._cycle(Demand(None), stop=True):
-            pass
+        resting = SETTLE
+        while resting > 0:
+            resting -= self._cycle(Demand(None), stop=True)
 
     def _cycle(self, demand: Demand, *, stop: bool) -> bool:
         """Read, control, send; whether what was sent is rest."""
         account, insertion = self.account, self.insertion
-        read, since = self.control.readOnce()
+        read, passed = self.motion.read()
         state = insertion.state(read.q_d, read.dq_d, read.ddq_d)
         if stop:
             v = self.controller.safe_stop(state, "asked to").v
         else:
             v = self.controller.step(state, self._reference(demand.view)).v
         if not demand.dropped:
-            self.control.writeOnce(pylibfranka.JointVelocities(v.tolist()))
-        passed = round(since.to_sec() / PERIOD)
+            self.motion.send(v)
+        passed = passed if account.cycles else 1  # nothing counts before the first command
         acceleration = (v - state.v) / PERIOD
         account.cycles += passed
         account.unanswered += max(0, passed - 1) + demand.dropped

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -16,6 +15,7 @@ import tempfile
 import time
 import venv
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 PACKAGES = ("franka-sim==1.1.7", "franky-sim==1.0.4")
@@ -27,15 +27,30 @@ FOLDER = Path(os.environ.get("RCMQP_FRANKA_ENV", Path(__file__).parents[2] / ".v
 PORT = 1337
 """Of Franka's interface: the client knows no other."""
 
-SLOWNESS = 2.0
-"""Seconds that a second of the simulator takes: it and the loop may share a core with others."""
-
 START = 60.0
 """How long the simulator may take to answer [s]."""
 
 
 class SimulatorError(Exception):
     """The simulator cannot be installed, or does not come up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulator:
+    """A simulator that runs.
+
+    Attributes:
+        address: where Franka's client finds it.
+        log: what it writes.
+    """
+
+    address: str
+    log: Path
+
+    def complaints(self) -> list[str]:
+        """What it has objected to so far, with the numbers that its client does not pass on."""
+        lines = self.log.read_text(encoding="utf-8").splitlines()
+        return [line.partition(" ")[2] for line in lines if line.startswith("WARNING")]
 
 
 def environment(folder: Path = FOLDER) -> Path:
@@ -70,14 +85,11 @@ def environment(folder: Path = FOLDER) -> Path:
 
 
 @contextlib.contextmanager
-def simulator(slowness: float = SLOWNESS) -> Iterator[str]:
-    """A simulator that answers at the address given, and is gone afterwards.
+def simulator() -> Iterator[Simulator]:
+    """Start a simulator, and end it afterwards.
 
     Each has an address of its own on this machine's loopback, 127.x.y.z by the process's number,
     as the port is always the same.
-
-    Args:
-        slowness: seconds that a second of the simulator takes.
 
     Raises:
         SimulatorError: it cannot be installed, or does not answer in time.
@@ -86,17 +98,17 @@ def simulator(slowness: float = SLOWNESS) -> Iterator[str]:
     address = f"127.{1 + (number >> 16) % 254}.{(number >> 8) % 256}.{1 + number % 254}"
     if _answers(address):
         raise SimulatorError(f"something else has {address}:{PORT}; end it and try again")
-    command = [str(python), str(Path(__file__).with_name("serve.py")), address, str(slowness)]
+    command = [str(python), str(Path(__file__).with_name("serve.py")), address]
     model = os.environ | {"FR3_MJCF": str(FOLDER / "model" / "fr3.xml")}
-    with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen(
-            command, stdout=log, stderr=log, env=model, text=True, process_group=0
-        )
+    with tempfile.TemporaryDirectory() as scratch:
+        running = Simulator(address, Path(scratch) / "log.txt")
+        with running.log.open("w", encoding="utf-8") as log:
+            process = subprocess.Popen(command, stdout=log, stderr=log, env=model, process_group=0)
         try:
-            _wait(process, address, log)
-            yield address
+            _wait(process, running)
+            yield running
         finally:
-            process.send_signal(signal.SIGTERM)
+            process.terminate()
             try:
                 process.wait(5.0)
             except subprocess.TimeoutExpired:
@@ -104,16 +116,17 @@ def simulator(slowness: float = SLOWNESS) -> Iterator[str]:
                 process.wait()
 
 
-def _wait(process: subprocess.Popen[str], address: str, log: object) -> None:
+def _wait(process: subprocess.Popen[bytes], running: Simulator) -> None:
     """Until it answers."""
     until = time.monotonic() + START
-    while not _answers(address):
+    while not _answers(running.address):
         if process.poll() is None and time.monotonic() < until:
             time.sleep(0.1)
             continue
-        log.seek(0)  # type: ignore[attr-defined]
-        said = log.read()[-2000:]  # type: ignore[attr-defined]
-        raise SimulatorError(f"Franka's simulator does not answer at {address}:{PORT}:\n{said}")
+        said = running.log.read_text(encoding="utf-8")[-2000:]
+        raise SimulatorError(
+            f"Franka's simulator does not answer at {running.address}:{PORT}:\n{said}"
+        )
 
 
 def _answers(address: str) -> bool:
