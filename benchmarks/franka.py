@@ -40,10 +40,9 @@ def main() -> None:
         robot = Fci(running.address)
         for seed in range(given.motions):
             robot.go_to(HOME)
-            account = robot.drive(
-                arm, everything(seed, CYCLES, STOPS), controller=given.controller
-            )
-            total = total.with_(account)
+            demands = everything(seed, CYCLES, STOPS)
+            account = robot.drive(arm, demands, controller=given.controller)
+            total.add(account)
             print(f"motion {seed + 1}: {account}", file=sys.stderr, flush=True)
         for line in sorted(set(running.complaints())):
             print(line, file=sys.stderr)
