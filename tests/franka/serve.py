@@ -60,6 +60,7 @@ class Server(franka_sim.FrankaSimServer):  # type: ignore[misc]
     """
 
     clock = CycleClock()
+    _DRAIN_GATE_TIMEOUT = 1.0  # [s]; a command that has come is applied before the next state
 
     def _drain_gate(self, answer_deadline: float = 0.0) -> float:
         waited = float(super()._drain_gate(answer_deadline + PATIENCE))
