@@ -1,10 +1,13 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
+# make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo pictures test lint types check clean
+FRANKA := $(VENV)/.franka
+
+.PHONY: demo pictures test franka lint types check clean
 
 demo: $(INSTALLED)
 	$(BIN)/rcmqp reproduce --out results
@@ -15,6 +18,9 @@ pictures: demo
 
 test: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+
+franka: $(FRANKA)
+	OMP_NUM_THREADS=1 timeout 900 $(BIN)/python -m pytest tests/franka
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -31,5 +37,10 @@ $(INSTALLED): pyproject.toml setup.py $(wildcard rcmqp/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
+$(FRANKA): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pylibfranka==0.21.3' || \
+		{ echo "make franka needs Franka's client, pylibfranka, from PyPI; make test does without" >&2; exit 1; }
+	touch $@
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info results
+	rm -rf $(VENV) .venv-franka build dist *.egg-info results
