@@ -91,7 +91,7 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
             rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
         print_table(("error", "rms", "95 %", "max"), rows)
-        for line in _summary(metrics):
+        for line in (*_summary(metrics), *_governed(result)):
             out.print(line, highlight=False, markup=False)
         if file is not None:
             out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
@@ -222,6 +222,9 @@ def row_json(row: object) -> dict[str, Any]:
 
 def _summary(metrics: Metrics) -> Sequence[str]:
     return (
+        f"contour error         {readable(metrics.contour_rms_mm, '.5f')} mm rms, "
+        f"{readable(metrics.contour_max_mm, '.5f')} mm max, tip late by "
+        f"{metrics.lag_max_s:.3f} s at most",
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
         f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
         f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
@@ -231,6 +234,19 @@ def _summary(metrics: Metrics) -> Sequence[str]:
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
         f"{metrics.solve_time_p99_us:.0f} us p99, by the clock of this machine",
     )
+
+
+def _governed(run: Recording) -> Sequence[str]:
+    """How far a path under a governor came; nothing of other runs."""
+    scenario = run.head.scenario
+    if scenario.governor is None:
+        return ()
+    path_time, time = run.column("path_time"), run.column("time")
+    last = slice(time.shape[0] - 1, time.shape[0])
+    done, behind = float(path_time[last][0]), float(time[last][0] - path_time[last][0])
+    whole = scenario.path.duration
+    share = 100.0 if done >= whole else 100.0 * done / whole
+    return (f"path under governor   {share:.1f} % done at the end, {behind:.3f} s behind",)
 
 
 def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:

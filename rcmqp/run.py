@@ -28,8 +28,8 @@ FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit")
 """Channels that are the arm's, without a row for each cycle."""
 
 
-def _channel(unit: str, meaning: str) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning})
+def _channel(unit: str, meaning: str, **options: Any) -> Any:
+    return field(metadata={"unit": unit, "meaning": meaning}, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,18 @@ class Run:
         "m, rad", "(n,) least singular value of the effector's geometric Jacobian"
     )
     solve_time: Array = _channel("s", "(n,) time the controller took for the step")
+    path_time: Array = _channel(
+        "s", "(n,) time on the path's own clock, which a governor slows down", default=None
+    )
     diagnostics: Mapping[str, Array] = field(default_factory=dict)
     about_diagnostics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Why the controller stopped safely, and the rows of the cycles in which it did."""
 
     def __post_init__(self) -> None:
-        """Protect the arrays."""
+        """Protect the arrays; without a time of its own, the path is in time."""
+        if self.path_time is None:
+            object.__setattr__(self, "path_time", self.time)
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 
@@ -250,8 +255,9 @@ class Run:
     @classmethod
     def read(cls, file: h5py.File, rows: slice) -> Run:
         """The part of a run in an open file that these rows are; its stops are all of them."""
+        scenario = Scenario.from_json(file.attrs["scenario"])
         return cls(
-            scenario=Scenario.from_json(file.attrs["scenario"]),
+            scenario=scenario,
             controller=file.attrs["controller"],
             options=json.loads(file.attrs["options"]),
             versions=json.loads(file.attrs["versions"]),
@@ -264,7 +270,9 @@ class Run:
                 for name, data in file["diagnostics"].items()
             },
             **{
-                item.name: file[item.name][() if item.name in FIXED else rows]
+                item.name: stored_channel(file, scenario, item.name)[
+                    () if item.name in FIXED else rows
+                ]
                 for item in channels()
             },
         )
@@ -277,6 +285,12 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
         for reason, cycles in stops.items()
     }
     return {reason: cycles for reason, cycles in found.items() if cycles}
+
+
+def stored_channel(file: h5py.File, scenario: Scenario, name: str) -> Any:
+    """A channel in a run's file; files of before there was ``path_time`` have ``time`` for it."""
+    missing = name == "path_time" and name not in file and scenario.governor is None
+    return file["time" if missing else name]
 
 
 def channels() -> list[dataclasses.Field[Any]]:
