@@ -194,6 +194,7 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
         "period": head.scenario.period,
         "duration": head.scenario.duration,
         "seed": head.scenario.seed,
+        "path_done": path_done(result),
         "digest": result.digest,
         "versions": dict(head.versions),
         "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
@@ -236,17 +237,26 @@ def _summary(metrics: Metrics) -> Sequence[str]:
     )
 
 
-def _governed(run: Recording) -> Sequence[str]:
+def _governed(result: Recording) -> Sequence[str]:
     """How far a path under a governor came; nothing of other runs."""
-    scenario = run.head.scenario
-    if scenario.governor is None:
+    if (done := path_done(result)) is None:
         return ()
-    path_time, time = run.column("path_time"), run.column("time")
-    last = slice(time.shape[0] - 1, time.shape[0])
-    done, behind = float(path_time[last][0]), float(time[last][0] - path_time[last][0])
-    whole = scenario.path.duration
-    share = 100.0 if done >= whole else 100.0 * done / whole
-    return (f"path under governor   {share:.1f} % done at the end, {behind:.3f} s behind",)
+    rows = result.column("time").shape[0]
+    time, path_time = (result.column(name)[rows - 1 : rows][0] for name in ("time", "path_time"))
+    return (
+        f"path under governor   {100 * done:.1f} % done at the end, "
+        f"its clock {time - path_time:.3f} s behind",
+    )
+
+
+def path_done(result: Recording) -> float | None:
+    """Share of its path's time that a governed run came to; None without a governor."""
+    scenario = result.head.scenario
+    if scenario.governor is None:
+        return None
+    path_time = result.column("path_time")
+    rows = path_time.shape[0]
+    return min(1.0, float(path_time[rows - 1 : rows][0]) / scenario.path.duration)
 
 
 def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:
