@@ -75,9 +75,9 @@ class PathClock:
         wanted: rate that ``rate`` goes towards, see Governor.
     """
 
-    def __init__(self, governor: Governor) -> None:
+    def __init__(self, governor: Governor | None = None) -> None:
         """Before the first instant, which the path starts at in time and at full rate."""
-        self._governor = governor
+        self._governor = governor or Governor()
         self.reset()
 
     def reset(self) -> None:
@@ -118,26 +118,19 @@ class Governed:
         clock: of the path.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        insertion: Insertion,
-        governor: Governor | None = None,
-        clock: PathClock | None = None,
-    ) -> None:
+    def __init__(self, path: Path, insertion: Insertion, clock: PathClock | None = None) -> None:
         """Before the path begins.
 
         Args:
             path: the views asked for.
             insertion: the instrument in the patient.
-            governor: how the path is slowed.
-            clock: of the path, if the caller has one already; the governor's then.
+            clock: of the path, with the governor that slows it; PathClock() if not given.
 
         Raises:
             OptionError: the path is steered by what the camera shows.
         """
         check_may_wait(path)
-        self.clock = PathClock(governor or Governor()) if clock is None else clock
+        self.clock = PathClock() if clock is None else clock
         self._path, self._insertion = path, insertion
         self.reset()
 

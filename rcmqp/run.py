@@ -255,9 +255,8 @@ class Run:
     @classmethod
     def read(cls, file: h5py.File, rows: slice) -> Run:
         """The part of a run in an open file that these rows are; its stops are all of them."""
-        scenario = Scenario.from_json(file.attrs["scenario"])
         return cls(
-            scenario=scenario,
+            scenario=Scenario.from_json(file.attrs["scenario"]),
             controller=file.attrs["controller"],
             options=json.loads(file.attrs["options"]),
             versions=json.loads(file.attrs["versions"]),
@@ -270,9 +269,7 @@ class Run:
                 for name, data in file["diagnostics"].items()
             },
             **{
-                item.name: stored_channel(file, scenario, item.name)[
-                    () if item.name in FIXED else rows
-                ]
+                item.name: stored_channel(file, item.name)[() if item.name in FIXED else rows]
                 for item in channels()
             },
         )
@@ -287,10 +284,9 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
     return {reason: cycles for reason, cycles in found.items() if cycles}
 
 
-def stored_channel(file: h5py.File, scenario: Scenario, name: str) -> Any:
+def stored_channel(file: h5py.File, name: str) -> Any:
     """A channel in a run's file; files of before there was ``path_time`` have ``time`` for it."""
-    missing = name == "path_time" and name not in file and scenario.governor is None
-    return file["time" if missing else name]
+    return file["time" if name == "path_time" and name not in file else name]
 
 
 def channels() -> list[dataclasses.Field[Any]]:

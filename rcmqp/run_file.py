@@ -100,4 +100,4 @@ class RunFile:
 
     def column(self, name: str) -> Rows:
         """See Recording."""
-        return stored_channel(self._file, self.head.scenario, name)  # type: ignore[no-any-return]
+        return stored_channel(self._file, name)  # type: ignore[no-any-return]

@@ -248,7 +248,7 @@ class Scenario:
             yield from self._steered(self.path, insertion, planner)
             return
         if self.governor is not None:
-            governed = Governed(self.path, insertion, self.governor, clock)
+            governed = Governed(self.path, insertion, clock or PathClock(self.governor))
             yield from self._governed(governed, planner)
             return
         for reference in self._drawn(self.path, insertion):

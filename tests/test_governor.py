@@ -193,16 +193,14 @@ def test_a_slowed_path_comes_to_rest_at_its_own_end(too_fast: Scenario) -> None:
 
 
 def test_a_path_waits_for_a_tip_that_does_not_come() -> None:
-    scenario = governed(load_scenario("circle", "panda", duration=3.0))
-    insertion, clock = scenario.insertion(), scenario.clock()
-    assert clock is not None
+    scenario = governed(load_scenario("circle", "panda", duration=3.0), free=2e-3, stop=5e-3)
+    insertion = scenario.insertion()
     rest = insertion.state(insertion.q_start)
-    ask = scenario.references(insertion, clock).send
+    ask = scenario.references(insertion).send
     references = [ask(None)] + [ask(rest) for _ in range(scenario.cycles - 1)]
     way = [float(np.linalg.norm(insertion.tip(x.x_d) - insertion.tip(rest.x))) for x in references]
-    assert clock.rate < 1e-5
-    assert 2.9e-3 < way[-1] <= max(way) < 3.1e-3
-    assert_allclose(references[-1].x_d_dot, 0.0, rtol=0, atol=1e-6)
+    assert 4.9e-3 < way[-1] <= max(way) < 5.1e-3
+    assert_allclose(references[-1].x_d_dot, 0.0, rtol=0, atol=1e-4)
 
 
 def test_a_view_that_jumps_is_held_until_it_is_reached() -> None:
@@ -259,7 +257,7 @@ def test_a_loop_of_ones_own_is_that_of_a_scenario() -> None:
     scenario = governed(load_scenario("fast_helix", "ur5", duration=0.5))
     run, insertion = run_of(scenario), scenario.insertion()
     controller = make_controller("hierarchical_qp", insertion, T)
-    loop = Governed(scenario.path, insertion, Governor())  # type: ignore[arg-type]
+    loop = Governed(scenario.path, insertion)  # type: ignore[arg-type]
     for _ in range(2):
         q, v, a = insertion.q_start, np.zeros(6), np.zeros(6)
         for k in range(scenario.cycles):
@@ -373,6 +371,9 @@ def test_a_file_of_before_there_were_governors_is_in_time(tmp_path: Path) -> Non
     run, path = run_of(scenario), tmp_path / "run.h5"
     run.save(path)
     assert np.array_equal(run.path_time, run.time)
+    arrays = {**run.arrays(), **run.diagnostics}
+    del arrays["path_time"], arrays["solve_time"]
+    assert run.head.digest(arrays, block=64) == run.digest
     with h5py.File(path, "r+") as file:
         del file["path_time"]
     assert Run.load(path) == run
