@@ -155,3 +155,6 @@ def view_poses(
 def observed(
     x: Array, x_d: Array, pivots: Array, axis: Array, tip_depth: float, /
 ) -> tuple[Array, Array, Array]: ...
+def contour(
+    points: Array, vertices: Array, along: Array, first: int, since: int, /
+) -> tuple[Array, Array]: ...

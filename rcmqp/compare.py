@@ -68,6 +68,9 @@ class Row:
     controller: str
     tip_rms_mm: float = np.nan
     tip_max_mm: float = np.nan
+    contour_rms_mm: float = np.nan
+    contour_max_mm: float = np.nan
+    lag_max_s: float = np.nan
     rcm_rms_mm: float = np.nan
     rcm_max_mm: float = np.nan
     limits_kept: bool | None = None
@@ -95,6 +98,8 @@ _TITLES = {
     "arm": "arm",
     "controller": "controller",
     "tip_rms_mm": "tip rms [mm]",
+    "contour_rms_mm": "contour rms [mm]",
+    "lag_max_s": "lag max [s]",
     "rcm_rms_mm": "RCM rms [mm]",
     "rcm_max_mm": "RCM max [mm]",
     "limits_kept": "limits kept",

@@ -91,7 +91,7 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
             rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
         print_table(("error", "rms", "95 %", "max"), rows)
-        for line in _summary(metrics):
+        for line in (*_summary(metrics), *_governed(result)):
             out.print(line, highlight=False, markup=False)
         if file is not None:
             out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
@@ -194,6 +194,7 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
         "period": head.scenario.period,
         "duration": head.scenario.duration,
         "seed": head.scenario.seed,
+        "path_done": path_done(result),
         "digest": result.digest,
         "versions": dict(head.versions),
         "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
@@ -222,6 +223,9 @@ def row_json(row: object) -> dict[str, Any]:
 
 def _summary(metrics: Metrics) -> Sequence[str]:
     return (
+        f"contour error         {readable(metrics.contour_rms_mm, '.5f')} mm rms, "
+        f"{readable(metrics.contour_max_mm, '.5f')} mm max, tip late by "
+        f"{metrics.lag_max_s:.3f} s at most",
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
         f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
         f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
@@ -231,6 +235,28 @@ def _summary(metrics: Metrics) -> Sequence[str]:
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
         f"{metrics.solve_time_p99_us:.0f} us p99, by the clock of this machine",
     )
+
+
+def _governed(result: Recording) -> Sequence[str]:
+    """How far a path under a governor came; nothing of other runs."""
+    if (done := path_done(result)) is None:
+        return ()
+    rows = result.column("time").shape[0]
+    time, path_time = (result.column(name)[rows - 1 : rows][0] for name in ("time", "path_time"))
+    return (
+        f"path under governor   {100 * done:.1f} % done at the end, "
+        f"its clock {time - path_time:.3f} s behind",
+    )
+
+
+def path_done(result: Recording) -> float | None:
+    """Share of its path's time that a governed run came to; None without a governor."""
+    scenario = result.head.scenario
+    if scenario.governor is None:
+        return None
+    path_time = result.column("path_time")
+    rows = path_time.shape[0]
+    return min(1.0, float(path_time[rows - 1 : rows][0]) / scenario.path.duration)
 
 
 def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:

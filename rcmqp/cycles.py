@@ -59,7 +59,12 @@ class Cycles:
         return len(self._times)
 
     def add(
-        self, solve_time: float, diagnostics: Mapping[str, float], stop: str, *row: Array
+        self,
+        solve_time: float,
+        diagnostics: Mapping[str, float],
+        stop: str,
+        *row: Array,
+        path_time: float | None = None,
     ) -> None:
         """Take a cycle.
 
@@ -69,9 +74,11 @@ class Cycles:
                 is not.
             stop: why the controller stopped safely; empty where it did not.
             row: what ROW names, C-contiguous arrays of float64.
+            path_time: on the path's own clock [s]; the time, if not given.
         """
         _kernel.store(self._table, len(self._times), *row)
         self._times.append(solve_time)
+        self._path_times.append(math.nan if path_time is None else path_time)
         self._diagnostics.append(dict(diagnostics))
         if stop:
             self._stops.setdefault(stop, []).append(len(self._times) - 1)
@@ -90,6 +97,8 @@ class Cycles:
         }
         rows |= self._derived.of(rows)
         del rows["J"]
+        path_time = np.array(self._path_times)
+        rows["path_time"] = np.where(np.isnan(path_time), rows["time"], path_time)
         controller, arm = self._controller, self._controller.insertion.arm
         made = Run(
             scenario=self._scenario,
@@ -117,5 +126,6 @@ class Cycles:
 
     def _forget(self) -> None:
         self._times: list[float] = []
+        self._path_times: list[float] = []
         self._diagnostics: list[dict[str, float]] = []
         self._stops: dict[str, list[int]] = {}

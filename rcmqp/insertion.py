@@ -110,6 +110,20 @@ class Insertion:
         """One kinematics pass at ``q`` (nq,), with ``v`` and ``a`` (nv,); see Arm.state()."""
         return self.arm.state(q, v, a)
 
+    def check_reach(self, t: float, t_z: float) -> None:
+        """Refuse a view at ``t`` [s] that is ``t_z`` [m] deeper than the start.
+
+        Raises:
+            InsertionError: it is deeper than the shaft is long.
+        """
+        depth, length = self.tip_depth + t_z, self.instrument.length
+        if depth > length:
+            raise InsertionError(
+                f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the "
+                f"shaft is only {1e3 * length:.1f} mm long; make the path shallower or the shaft "
+                "longer"
+            )
+
     def from_start(self, vector: Sequence[float]) -> Vector3:
         """A vector (3,) in the axes of x_d(0), in those of the world.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp import dualquaternion as dq
+from rcmqp.contour import Contour
 from rcmqp.dualquaternion import Array
 from rcmqp.extent import Extent, percentile
 from rcmqp.run import Run
@@ -35,6 +36,10 @@ class Metrics:
     is the distance from the trocar to the shaft's axis.
 
     Attributes:
+        contour_rms_mm, contour_max_mm: distance of the tip from its path, the curve of the desired
+            tip seen from the trocar, whenever it was asked to be there; see Contour.
+        lag_max_s: how late the tip is on its path, whether it falls behind the reference or a
+            governor slows the reference down; see Contour.
         depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
         tilt_max_mrad: largest angle of the shaft from the trocar's axis.
         speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
@@ -53,6 +58,9 @@ class Metrics:
     tip_rms_mm: float
     tip_max_mm: float
     tip_p95_mm: float
+    contour_rms_mm: float
+    contour_max_mm: float
+    lag_max_s: float
     effector_rms_mm: float
     effector_max_mm: float
     effector_p95_mm: float
@@ -78,15 +86,19 @@ class Metrics:
 
 def compute_metrics(run: Recording) -> Metrics:
     """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
+    contour = Contour(run)
     found: defaultdict[str, Extent] = defaultdict(Extent)
     before: Run | None = None
     for part in run.parts():
-        for name, channel in _measures(part, before).items():
+        for name, channel in (_measures(part, before) | contour.measure(part)).items():
             found[name].add(channel)
         before = part
     has_limit = np.isfinite(part.acceleration_limit).any()
     values = {
         **_summary(run, "tip", "mm", found),
+        "contour_rms_mm": 1e3 * found["contour"].rms,
+        "contour_max_mm": 1e3 * found["contour"].high,
+        "lag_max_s": found["lag"].high,
         **_summary(run, "effector", "mm", found),
         **_summary(run, "rcm", "mm", found),
         **_summary(run, "orientation", "mrad", found),

@@ -9,11 +9,12 @@ import math
 import signal
 import time
 from collections.abc import Callable, Iterator
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp.arm import ArmState
 from rcmqp.braking import braking
 from rcmqp.controllers.base import Controller
 from rcmqp.deadlines import Deadlines
@@ -30,7 +31,7 @@ from rcmqp.loop_checks import (
 from rcmqp.loop_report import LoopReport, Stop
 from rcmqp.signals import KeptSignals
 
-__all__ = ["LoopFault", "Robot", "Stamped", "run_realtime"]
+__all__ = ["LoopFault", "Robot", "Stamped", "Watching", "run_realtime"]
 
 WARM_UP = 20
 """Steps before the loop, not sent: the first may compile, load or allocate."""
@@ -51,6 +52,15 @@ class Robot(Protocol):
 
     def send(self, v: Array) -> None:
         """Command a joint velocity v (nv,) [rad/s], read-only, until the next one."""
+        ...
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """References that depend on what the arm does, such as rcmqp.governor.Governed."""
+
+    def see(self, state: ArmState) -> None:
+        """Take the state that was measured when the last reference was asked for."""
         ...
 
 
@@ -96,7 +106,8 @@ def run_realtime(
     Args:
         robot: what is read and commanded.
         controller: its insertion's arm is the robot's, its period that of the loop.
-        references: gives, at a time from the start [s], the newest reference.
+        references: gives, at a time from the start [s], the newest reference. If it has a method
+            see(state), as Governed has, each cycle then shows it the state that was measured.
         duration: how long to run [s], without the stop.
         reference_age: how old the newest reference may be [s].
         lateness: how long after its own cycle was due a command may still be sent [s]; twenty
@@ -142,6 +153,7 @@ class _Loop:
         lateness: float,
     ) -> None:
         self.robot, self.controller, self.references = robot, controller, references
+        self.watching = references if isinstance(references, Watching) else None
         self.timing = timing
         self.reference_age, self.lateness = reference_age, lateness
         self.signals = KeptSignals(lateness)
@@ -215,6 +227,8 @@ class _Loop:
         answer = self.controller.step(state, newest.reference)
         command = as_command(answer.v, self.arm, self.controller.name)
         self.angles, self.read_at = state.angles, now
+        if self.watching is not None:
+            self.watching.see(state)
         if np.isfinite(newest.reference.pivot).all():
             self.pivot = np.asarray(newest.reference.pivot, dtype=float)
         self.controller_stops += answer.diagnostics.get("safe_stop", 0.0) > 0.0

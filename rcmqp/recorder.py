@@ -90,6 +90,7 @@ class Recorder:
         stop: str = "",
         *,
         solve_time: float,
+        path_time: float | None = None,
         **row: ArrayLike,
     ) -> None:
         """Record a cycle.
@@ -99,6 +100,7 @@ class Recorder:
                 NaN where it is not.
             stop: why the controller stopped safely; empty where it did not.
             solve_time: how long the controller took [s].
+            path_time: on the path's own clock [s], see PathClock; the time, if not given.
             row: q, q_measured (nq,), angles, v, v_actual, v_measured (nv,), x, x_d (8,),
                 J (6, nv); see Run and ArmState.
 
@@ -114,7 +116,7 @@ class Recorder:
             if array.shape != shape:
                 raise OptionError(f"{name} has shape {array.shape}, it must be {shape}")
         self._check_room(1)
-        self._cycles.add(solve_time, diagnostics, stop, *arrays)
+        self._cycles.add(solve_time, diagnostics, stop, *arrays, path_time=path_time)
         if len(self._cycles) == self._size:
             self._flush()
 

@@ -28,8 +28,8 @@ FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit")
 """Channels that are the arm's, without a row for each cycle."""
 
 
-def _channel(unit: str, meaning: str) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning})
+def _channel(unit: str, meaning: str, **options: Any) -> Any:
+    return field(metadata={"unit": unit, "meaning": meaning}, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,18 @@ class Run:
         "m, rad", "(n,) least singular value of the effector's geometric Jacobian"
     )
     solve_time: Array = _channel("s", "(n,) time the controller took for the step")
+    path_time: Array = _channel(
+        "s", "(n,) time on the path's own clock, which a governor slows down", default=None
+    )
     diagnostics: Mapping[str, Array] = field(default_factory=dict)
     about_diagnostics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Why the controller stopped safely, and the rows of the cycles in which it did."""
 
     def __post_init__(self) -> None:
-        """Protect the arrays."""
+        """Protect the arrays; without a time of its own, the path is in time."""
+        if self.path_time is None:
+            object.__setattr__(self, "path_time", self.time)
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 
@@ -264,7 +269,7 @@ class Run:
                 for name, data in file["diagnostics"].items()
             },
             **{
-                item.name: file[item.name][() if item.name in FIXED else rows]
+                item.name: stored_channel(file, item.name)[() if item.name in FIXED else rows]
                 for item in channels()
             },
         )
@@ -277,6 +282,11 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
         for reason, cycles in stops.items()
     }
     return {reason: cycles for reason, cycles in found.items() if cycles}
+
+
+def stored_channel(file: h5py.File, name: str) -> Any:
+    """A channel in a run's file; files of before there was ``path_time`` have ``time`` for it."""
+    return file["time" if name == "path_time" and name not in file else name]
 
 
 def channels() -> list[dataclasses.Field[Any]]:

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
 from rcmqp.head import Head, Rows, check_digest, opened
-from rcmqp.run import PART, Run, within
+from rcmqp.run import PART, Run, stored_channel, within
 
 if TYPE_CHECKING:
     import h5py
@@ -60,7 +60,7 @@ class RunFile:
         with contextlib.ExitStack() as stack:
             self._file: h5py.File = stack.enter_context(opened(self._path))
             self._run = Run.read(self._file, slice(0, 0))
-            arrays = {name: self._file[name] for name in self._run.arrays()}
+            arrays = {name: self.column(name) for name in self._run.arrays()}
             arrays |= dict(self._file["diagnostics"])
             del arrays["solve_time"]
             self.digest = self.head.digest(arrays, block=PART)
@@ -93,11 +93,11 @@ class RunFile:
         for first in range(0, len(file["time"]), size):
             rows = slice(first, first + size)
             yield self._run.with_rows(
-                {name: file[name][rows] for name in self._run.rows()},
+                {name: self.column(name)[rows] for name in self._run.rows()},
                 {name: numbers[name][rows] for name in self._run.diagnostics},
                 within(self._run.stops, rows),
             )
 
     def column(self, name: str) -> Rows:
         """See Recording."""
-        return self._file[name]  # type: ignore[no-any-return]
+        return stored_channel(self._file, name)  # type: ignore[no-any-return]

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from rcmqp import _kernel
 from rcmqp.arm import ArmState
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import InsertionError, OptionError, RcmqpError, UnknownName
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.governor import Governed, Governor, PathClock, check_may_wait
 from rcmqp.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.instrument import Camera, Instrument, Trocar
 from rcmqp.loading import arm_names, load_arm
@@ -66,6 +67,9 @@ class Scenario:
             last cycle over the period; ``unknown``, zero.
         obstacles: what the instrument is to keep out of.
         plant: what the joint velocity drives.
+        governor: slows the path down where the tip falls behind; the duration stays what it is,
+            so a slowed path may not come to its end. Neither the trocar's motion nor the path
+            planner's parts are slowed. None for a path that does not wait.
     """
 
     name: str
@@ -84,6 +88,7 @@ class Scenario:
     pivot_velocity: str = "measured"
     obstacles: tuple[Sphere, ...] = ()
     plant: Plant = field(default_factory=Kinematic)
+    governor: Governor | None = None
 
     def __post_init__(self) -> None:
         """Make plain numbers of what was given, and check it."""
@@ -120,6 +125,10 @@ class Scenario:
             raise OptionError(
                 f"duration = {self.duration} s is shorter than one period of {self.period} s"
             )
+        if self.governor is not None:
+            if not isinstance(self.governor, Governor):
+                raise OptionError(f"governor = {self.governor!r}, it must be of type Governor")
+            check_may_wait(self.path)
         if self.planner_time is not None and not (
             2.0 * self.period <= self.planner_time < math.inf
         ):
@@ -212,13 +221,23 @@ class Scenario:
         cycles = range(self.cycles) if cycles is None else cycles
         return np.array(self.trocar.pivot) + self._offsets(cycles)
 
-    def references(self, insertion: Insertion) -> Generator[Reference, ArmState | None]:
+    def clock(self) -> PathClock | None:
+        """A clock for references(), to look at from outside; None without a governor."""
+        return None if self.governor is None else PathClock(self.governor)
+
+    def references(
+        self, insertion: Insertion, clock: PathClock | None = None
+    ) -> Generator[Reference, ArmState | None]:
         """What the controller is told, one sampling instant after the other.
 
         The view asked for, carried along by the trocar, through the path planner; and of the
-        trocar's velocity what ``pivot_velocity`` says. A steered path needs to see what came of
-        the last reference: send() the state that was measured then. To who does not, the arm
-        seems to be where it was asked to be.
+        trocar's velocity what ``pivot_velocity`` says. A steered path, or a governor, needs to see
+        what the last reference led to: send() the state that was measured then. If nothing is
+        sent, the arm is taken to be where it was asked to be.
+
+        Args:
+            insertion: the instrument in the patient.
+            clock: what clock() made, which shows the path's time; one is made if not given.
 
         Raises:
             InsertionError: a view is deeper than the shaft is long.
@@ -227,6 +246,10 @@ class Scenario:
         planner = self.planner(insertion.x_rcm)
         if isinstance(self.path, Steered):
             yield from self._steered(self.path, insertion, planner)
+            return
+        if self.governor is not None:
+            governed = Governed(self.path, insertion, clock or PathClock(self.governor))
+            yield from self._governed(governed, planner)
             return
         for reference in self._drawn(self.path, insertion):
             yield reference if planner is None else planner.step(reference)
@@ -242,12 +265,25 @@ class Scenario:
                 command = ask(t, x)
                 if command is None:
                     return
-                _check_reach(insertion, t, command.t_z)
+                insertion.check_reach(t, command.t_z)
                 reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
                 if planner is not None:
                     reference = planner.step(reference)
                 state = yield reference
                 x = reference.x_d if state is None else state.x
+
+    def _governed(
+        self, governed: Governed, planner: Planner | None
+    ) -> Generator[Reference, ArmState | None]:
+        """The references of a path that waits for the arm."""
+        for cycles in blocks(self.cycles):
+            for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
+                reference = governed.reference(k * self.period, offset, pivot_dot)
+                if planner is not None:
+                    reference = planner.step(reference)
+                state = yield reference
+                if state is not None:
+                    governed.see(state, reference)
 
     def _drawn(self, path: Path, insertion: Insertion) -> Iterator[Reference]:
         """The references of any other path, made a block at a time."""
@@ -255,7 +291,7 @@ class Scenario:
             times = self.period * np.arange(cycles.start, cycles.stop, dtype=float)
             views = views_of(path, times, insertion.tip_depth)
             deepest = int(np.argmax(views[:, 3]))
-            _check_reach(insertion, times[deepest], views[deepest, 3])
+            insertion.check_reach(times[deepest], views[deepest, 3])
             offsets, pivot_dots = self._trocar(cycles)
             made = _kernel.view_poses(insertion.x_rcm, views, offsets, pivot_dots)
             yield from map(Reference, *made, pivot_dots)
@@ -279,6 +315,8 @@ class Scenario:
     def to_json(self) -> str:
         """The scenario as JSON; from_json() makes an equal one of it."""
         data = dataclasses.asdict(self)
+        if self.governor is None:  # files of before there were governors say the same
+            del data["governor"]
         for name, kinds in _KINDS.items():
             if isinstance(self.path, Foreign) and name == "path":
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
@@ -310,6 +348,8 @@ class Scenario:
             instrument["camera"] = Camera(**instrument["camera"])
             data["instrument"] = Instrument(**instrument)
             data["trocar"] = Trocar(**data["trocar"])
+            if data.get("governor") is not None:
+                data["governor"] = Governor(**data["governor"])
             data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
             return cls(**data)
         except RcmqpError:
@@ -341,15 +381,6 @@ def blocks(cycles: int) -> Iterator[range]:
     """All cycles, BLOCK at a time."""
     for first in range(0, cycles, BLOCK):
         yield range(first, min(first + BLOCK, cycles))
-
-
-def _check_reach(insertion: Insertion, t: float, t_z: float) -> None:
-    depth, length = insertion.tip_depth + t_z, insertion.instrument.length
-    if depth > length:
-        raise InsertionError(
-            f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the shaft "
-            f"is only {1e3 * length:.1f} mm long; make the path shallower or the shaft longer"
-        )
 
 
 def _refuse(constant: str) -> float:

@@ -92,7 +92,8 @@ def parts(
     drive = scenario.plant.start(arm, insertion.q_start, T, scenario.seed)
     command, seen = drive.v, None
     acceleration = np.zeros(arm.nv)
-    ask = scenario.references(insertion).send
+    path_clock = scenario.clock()
+    ask = scenario.references(insertion, path_clock).send
     for k in range(scenario.cycles):
         try:
             reference = ask(seen)
@@ -124,6 +125,7 @@ def parts(
             state.x,
             reference.x_d,
             state.J_local,
+            path_time=None if path_clock is None else path_clock.time,
         )
         if progress is not None and (k % 100 == 99 or k == scenario.cycles - 1):
             progress(k % 100 + 1)

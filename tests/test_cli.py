@@ -28,6 +28,7 @@ from rcmqp import (
 from rcmqp.cli import main
 from rcmqp.console import _summary, warnings
 from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.governor import Governor
 
 Call: TypeAlias = Callable[..., tuple[int, str, str]]
 
@@ -64,6 +65,44 @@ def call(capsys: pytest.CaptureFixture[str]) -> Call:
 
 def read_json(text: str) -> Any:
     return json.loads(text)
+
+
+def test_a_governor_is_put_in_and_taken_out(call: Call, tmp_path: Path) -> None:
+    """Its own file says what it does; the path is not done when the time is up."""
+    line = ("run", "fast_helix", "--arm", "ur5", "--controller", "hierarchical_qp")
+    code, out, _ = call(*line, "--governor", "--out", str(tmp_path / "run.h5"))
+    assert code == 0
+    run = Run.load(tmp_path / "run.h5")
+    assert run.scenario == load_scenario("fast_helix", "ur5", governor=Governor())
+    done = run.path_time[-1] / run.scenario.path.duration
+    behind = run.time[-1] - run.path_time[-1]
+    assert 0.3 < done < 0.99
+    assert f"{100 * done:.1f} % done at the end, its clock {behind:.3f} s behind" in out
+    (tmp_path / "governed.json").write_text(run.scenario.to_json(), encoding="utf-8")
+    again = ("run", str(tmp_path / "governed.json"), "--controller", "hierarchical_qp", "--json")
+    found = read_json(call(*again)[1])
+    assert found["digest"] == run.digest
+    assert found["path_done"] == done
+    found = read_json(call(*again, "--no-governor")[1])
+    assert found["path_done"] is None
+    assert found["digest"] == simulate_fast_helix().digest
+    code, _, err = call("run", "camera_task", "--governor")
+    assert (code, "cannot slow a CameraTrial" in " ".join(err.split())) == (1, True)
+
+
+def simulate_fast_helix() -> Run:
+    scenario = load_scenario("fast_helix", "ur5")
+    return simulate(
+        scenario, make_controller("hierarchical_qp", scenario.insertion(), scenario.period)
+    )
+
+
+def test_compare_puts_a_governor_in_too(call: Call, tmp_path: Path) -> None:
+    line = ("compare", "-s", "fast_helix", "-a", "ur5", "-c", "hierarchical_qp", "--json")
+    (plain,) = read_json(call(*line, "--out", str(tmp_path))[1])
+    (governed,) = read_json(call(*line, "--governor", "--out", str(tmp_path))[1])
+    assert governed["contour_max_mm"] < 0.3 * plain["contour_max_mm"]
+    assert governed["lag_max_s"] > plain["lag_max_s"] > 0.0
 
 
 def test_run_prints_one_json_object_with_the_promised_names(call: Call) -> None:

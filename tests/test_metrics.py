@@ -61,6 +61,9 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         tip_rms_mm=3.0,  # sqrt((1 + 1 + 9 + 25) / 4)
         tip_max_mm=5.0,
         tip_p95_mm=4.7,
+        contour_rms_mm=0.0,  # the tip stays where the curve begins
+        contour_max_mm=0.0,
+        lag_max_s=1.5,
         effector_rms_mm=2.0,
         effector_max_mm=4.0,
         effector_p95_mm=3.4,

@@ -25,9 +25,11 @@ from rcmqp.controllers import Command, Controller
 from rcmqp.deadlines import Deadlines
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.governor import Governed
 from rcmqp.insertion import rcm_error
 from rcmqp.latency import EDGES, LatencyCounter
 from rcmqp.loop_report import LoopReport
+from rcmqp.paths import ViewMoves
 from rcmqp.realtime import HOLD, WARM_UP, Stamped, run_realtime
 from rcmqp.reference import Reference
 
@@ -229,6 +231,52 @@ def test_the_controller_is_told_the_last_command_and_at_the_start_the_measured_v
     run(robot, controller=Listening(insertion, T))
     assert np.array_equal(told[: WARM_UP + 1], np.full((WARM_UP + 1, 7), 0.5))
     assert np.array_equal(told[WARM_UP + 1 :], robot.sent[:19])
+
+
+def test_references_that_watch_are_shown_each_state_after_they_were_asked(
+    insertion: rcmqp.Insertion,
+) -> None:
+    robot, seen = Arm(insertion, Clock()), list[tuple[float, Array]]()
+
+    class Watcher:
+        at = 0.0
+
+        def __call__(self, t: float) -> Stamped:
+            self.at = t
+            return view(insertion, t)
+
+        def see(self, state: ArmState) -> None:
+            seen.append((self.at, state.q))
+
+    run(robot, references=Watcher())
+    assert len(seen) == WARM_UP + 20
+    plain = Arm(insertion, Clock())
+    run(plain)
+    assert np.array_equal(robot.sent, plain.sent)
+    assert len({at for at, _ in seen[WARM_UP:]}) == 20
+    q = insertion.q_start
+    for k, (_, at) in enumerate(seen[WARM_UP:]):
+        assert np.array_equal(at, q)
+        q = insertion.arm.integrate(q, robot.sent[k], T)
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_a_governed_path_waits_for_an_arm_that_is_stuck(
+    stuck: bool, insertion: rcmqp.Insertion
+) -> None:
+    """Joints that do not move; others do, and the path is on time."""
+    robot = Arm(insertion, Clock(), spoil=lambda k, q: insertion.q_start if stuck else q)
+    path = ViewMoves(views=((0.3, 0.0, 0.0, 0.0),), move=1.0)
+    references = Governed(path, insertion)
+    report = run(robot, references=references, duration=1.0)
+    assert report.stop.fault == ""
+    clock = references.clock
+    if stuck:
+        assert clock.rate < 0.1
+        assert clock.time < 0.5
+    else:
+        assert clock.rate == 1.0
+        assert 1.0 - 2 * T < clock.time < 1.0 + 2 * T
 
 
 def nan_at(k: int, q: Array) -> Array:

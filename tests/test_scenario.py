@@ -447,7 +447,7 @@ def test_only_fields_with_a_default_may_be_missing(
     helix: Scenario, field: dataclasses.Field[Any]
 ) -> None:
     data = json.loads(helix.to_json())
-    del data[field.name]
+    data.pop(field.name, None)  # a governor that is None is not written
     text = json.dumps(data)
     if field.default is field.default_factory is dataclasses.MISSING:
         with pytest.raises(OptionError, match=field.name):

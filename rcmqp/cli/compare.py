@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from rcmqp import console
-from rcmqp.cli.options import AsJson, FlangeOption, Jobs, shared_options
+from rcmqp.cli.options import (
+    AsJson,
+    FlangeOption,
+    GovernorOption,
+    Jobs,
+    governor_change,
+    shared_options,
+)
 from rcmqp.console import out
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError, UnknownName
@@ -39,6 +46,7 @@ def compare(
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
+    governor: GovernorOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -80,7 +88,8 @@ def compare(
         scenario,
         arm or [None],
         laws,
-        {name: value for name, value in changes.items() if value is not None},
+        {name: value for name, value in changes.items() if value is not None}
+        | governor_change(governor),
         shared_options(laws, settings or []),
         flange,
     )

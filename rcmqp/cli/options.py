@@ -10,14 +10,27 @@ import typer
 
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.governor import Governor
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 FlangeOption = Annotated[
     str | None, typer.Option(help="With a URDF: the frame that carries the instrument.")
 ]
+GovernorOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--governor/--no-governor",
+        help="Slow the path down where the tip falls behind, or not; the scenario's, without it.",
+    ),
+]
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
 Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
+
+
+def governor_change(governor: bool | None) -> dict[str, Any]:
+    """The change of a scenario that --governor or --no-governor asks for."""
+    return {} if governor is None else {"governor": Governor() if governor else None}
 
 
 def options_of(controller: str, settings: Sequence[str]) -> dict[str, Any]:

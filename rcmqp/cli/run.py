@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rcmqp import console
-from rcmqp.cli.options import AsJson, FlangeOption, options_of
+from rcmqp.cli.options import AsJson, FlangeOption, GovernorOption, governor_change, options_of
 from rcmqp.controllers import make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
@@ -49,6 +49,7 @@ def run(
         typer.Option(help="How long to simulate, in s; the path keeps its own speed."),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
+    governor: GovernorOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -68,6 +69,8 @@ def run(
       rcmqp run conical_helix --set feed_forward=true --set velocity_limit=scale --json
 
       rcmqp run conical_helix --arm my_robot.urdf --flange tool0
+
+      rcmqp run fast_helix --controller hierarchical_qp --governor
     """
     if arm == "":
         raise UnknownName("arm", arm, arm_names())
@@ -77,9 +80,8 @@ def run(
             raise OptionError("the gain is given twice, by --gain and by --set gain")
         options["gain"] = gain
     changes = {"period": period, "duration": duration, "seed": seed}
-    chosen = load_scenario(
-        scenario, arm, flange=flange, **{k: x for k, x in changes.items() if x is not None}
-    )
+    given = {name: value for name, value in changes.items() if value is not None}
+    chosen = load_scenario(scenario, arm, flange=flange, **given, **governor_change(governor))
     made = make_controller(controller, chosen.insertion(), chosen.period, **options)
     if file is not None:
         check_replaceable(file)

@@ -2,6 +2,7 @@
 
 #define NO_IMPORT_ARRAY
 #include "arrays.h"
+#include "contour.h"
 #include "dualquaternion.h"
 #include "drawn.h"
 #include "reference.h"
@@ -106,4 +107,26 @@ PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count)
         observe(x + 8 * k, x_d + 8 * k, pivot + 3 * k, axis, tip_depth, tip + 3 * k,
                 tip_d + 3 * k, seen + OBSERVED * k);
     return Py_BuildValue("(NNN)", made[0], made[1], made[2]);
+}
+
+/* contour(points, vertices, along, first, since): point i belongs to vertex first + i. */
+PyObject *contour(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (!counted("contour", count, 5)) return NULL;
+    const npy_intp n = size_of(args[0]) / 3, m = size_of(args[2]);
+    const double *points = numbers_of(args[0], NPY_DOUBLE, 3 * n, "points");
+    const double *vertices = numbers_of(args[1], NPY_DOUBLE, 3 * m, "vertices");
+    const Curve curve = {vertices, numbers_of(args[2], NPY_DOUBLE, m, "along"), m};
+    const npy_intp first = count_of(args[3], (long)(m - n), "first");
+    npy_intp since = count_of(args[4], (long)first, "since");
+    if (PyErr_Occurred()) return NULL;
+    double *distance = NULL, *reached = NULL;
+    PyObject *made[] = {table(n, 0, &distance), table(n, 0, &reached)};
+    for (npy_intp i = 0; !PyErr_Occurred() && i < n; ++i) {
+        distance[i] = contour_distance(&curve, points + 3 * i, first + i);
+        since = contour_reached(&curve, points + 3 * i, first + i, since);
+        reached[i] = (double)since;
+    }
+    return Py_BuildValue("(NN)", made[0], made[1]);
 }

@@ -24,6 +24,7 @@ PyObject *store(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_poses(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *contour(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 Arena *scratch(size_t count)
 {
@@ -66,6 +67,7 @@ static PyMethodDef methods[] = {
     METHOD(views, "What a path that the tip draws asks for at many instants."),
     METHOD(view_poses, "The references of many views, equation (5)."),
     METHOD(observed, "What a record says of many poses."),
+    METHOD(contour, "How far points are from a curve, and how far along it."),
     {NULL, NULL, 0, NULL},
 };
 

@@ -12,6 +12,9 @@ from rcmqp.run import Run
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.3g}"),
     ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.3g}"),
+    ("contour error, rms [mm]", lambda m: f"{m.contour_rms_mm:.3g}"),
+    ("contour error, max [mm]", lambda m: f"{m.contour_max_mm:.3g}"),
+    ("lag of the tip, max [s]", lambda m: f"{m.lag_max_s:.3g}"),
     ("RCM error, rms [mm]", lambda m: f"{m.rcm_rms_mm:.3g}"),
     ("RCM error, max [mm]", lambda m: f"{m.rcm_max_mm:.3g}"),
     ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
