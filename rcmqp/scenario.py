@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
+from rcmqp.arm import Arm, ArmState
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InsertionError, OptionError, RcmqpError, UnknownName
 from rcmqp.insertion import SHAFT_TOLERANCE, Insertion
@@ -66,6 +67,7 @@ class Scenario:
             last cycle over the period; ``unknown``, zero.
         obstacles: what the instrument is to keep out of.
         plant: what the joint velocity drives.
+        limits: of the joints, in place of the arm's own; None where none was given by hand.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Scenario:
     pivot_velocity: str = "measured"
     obstacles: tuple[Sphere, ...] = ()
     plant: Plant = field(default_factory=Kinematic)
+    limits: ArmLimits | None = None
 
     def __post_init__(self) -> None:
         """Make plain numbers of what was given, and check it."""
@@ -111,6 +114,10 @@ class Scenario:
         for obstacle in self.obstacles:
             if not isinstance(obstacle, Sphere):
                 raise OptionError(f"obstacles: {obstacle!r} is no Sphere")
+        if not isinstance(self.limits, ArmLimits | None):
+            raise OptionError(f"limits = {self.limits!r}, they must be an ArmLimits, or None")
+        if self.limits == ArmLimits():
+            object.__setattr__(self, "limits", None)
         if self.cycles > MOST_CYCLES:
             raise OptionError(
                 f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
@@ -138,6 +145,7 @@ class Scenario:
         flange: str | None = None,
         angles_start: ArrayLike | None = None,
         depth: float = 0.1,
+        limits: ArmLimits | None = None,
         **fields: Any,
     ) -> Self:
         """A scenario with the trocar where the shaft is, ``depth`` [m] before the tip.
@@ -149,11 +157,12 @@ class Scenario:
             flange: with a URDF, the frame that carries the instrument.
             angles_start: (nv,) joint angles at the start [rad]; the arm's home without them.
             depth: how far the tip is inside at the start [m].
+            limits: of the joints, in place of the arm's own.
             fields: of the scenario, other than their defaults.
         """
-        loaded = load_arm(arm, flange)
+        loaded = load_arm(arm, flange, **_given(limits))
         insertion = Insertion.on_shaft(loaded, Instrument(), angles_start, depth=depth)
-        return cls.of(name, insertion, path, **fields)
+        return cls.of(name, insertion, path, **({"limits": limits} | fields))
 
     def __str__(self) -> str:
         """The name, and the arm."""
@@ -170,7 +179,7 @@ class Scenario:
 
         Args:
             name: what to call it.
-            insertion: its arm was loaded by name, or from a URDF.
+            insertion: its arm was loaded by name, or from a URDF; limits set by hand are kept.
             path: the views asked for.
             fields: any other field of Scenario.
         """
@@ -182,6 +191,7 @@ class Scenario:
             "instrument": insertion.instrument,
             "trocar": insertion.trocar,
             "duration": path.duration,
+            "limits": arm.limits_by_hand,
         }
         return cls(name=name, path=path, **(given | fields))
 
@@ -191,7 +201,7 @@ class Scenario:
         Raises:
             RcmqpError: the arm cannot be loaded, or things do not fit together.
         """
-        arm = load_arm(self.arm, self.flange)
+        arm = load_arm(self.arm, self.flange, **_given(self.limits))
         return Insertion(
             arm,
             self.instrument,
@@ -199,6 +209,19 @@ class Scenario:
             self.angles_start,
             tolerance=self.shaft_tolerance,
             obstacles=self.obstacles,
+        )
+
+    def has_limits_of(self, arm: Arm) -> bool:
+        """Whether an arm of the scenario's name has the limits that the scenario gives it."""
+        by_hand = arm.limits_by_hand.given()
+        if not by_hand.keys() | _given(self.limits).keys():
+            return True
+        own = load_arm(self.arm, self.flange, **_given(self.limits))
+        names = ("lower", "upper", "velocity", "acceleration", "jerk")
+        return (
+            all(np.array_equal(getattr(own, name), getattr(arm, name)) for name in names)
+            and own.speed_near_limits == arm.speed_near_limits
+            and own.assumed == arm.assumed
         )
 
     def planner(self, x_rcm: Array) -> Planner | None:
@@ -279,6 +302,9 @@ class Scenario:
     def to_json(self) -> str:
         """The scenario as JSON; from_json() makes an equal one of it."""
         data = dataclasses.asdict(self)
+        del data["limits"]
+        if self.limits is not None:  # else as in files of earlier versions, whose digest stays
+            data["limits"] = self.limits.to_data()
         for name, kinds in _KINDS.items():
             if isinstance(self.path, Foreign) and name == "path":
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
@@ -311,6 +337,8 @@ class Scenario:
             data["instrument"] = Instrument(**instrument)
             data["trocar"] = Trocar(**data["trocar"])
             data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
+            if data.get("limits") is not None:
+                data["limits"] = ArmLimits.from_data(data["limits"])
             return cls(**data)
         except RcmqpError:
             raise
@@ -350,6 +378,11 @@ def _check_reach(insertion: Insertion, t: float, t_z: float) -> None:
             f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the shaft "
             f"is only {1e3 * length:.1f} mm long; make the path shallower or the shaft longer"
         )
+
+
+def _given(limits: ArmLimits | None) -> dict[str, Any]:
+    """What load_arm() is told of limits."""
+    return {} if limits is None else limits.given()
 
 
 def _refuse(constant: str) -> float:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rcmqp import console
-from rcmqp.cli.options import AsJson, FlangeOption, Jobs, shared_options
+from rcmqp.cli.options import (
+    AccelerationOption,
+    AsJson,
+    FlangeOption,
+    JerkOption,
+    Jobs,
+    limits_of,
+    shared_options,
+)
 from rcmqp.console import out
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError, UnknownName
@@ -36,6 +44,8 @@ def compare(
         "comparison"
     ),
     flange: FlangeOption = None,
+    acceleration: AccelerationOption = None,
+    jerk: JerkOption = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
@@ -61,7 +71,7 @@ def compare(
     """
     from rcmqp import compare as comparison  # joblib and matplotlib take long to import
 
-    changes = {"period": period, "duration": duration, "seed": seed}
+    changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     laws = [name.replace("-", "_") for name in controller or CONTROLLERS]
     urdfs = [name for name in arm or () if name not in arm_names()]
     for name in urdfs:
@@ -80,7 +90,8 @@ def compare(
         scenario,
         arm or [None],
         laws,
-        {name: value for name, value in changes.items() if value is not None},
+        {name: value for name, value in changes.items() if value is not None}
+        | limits_of(acceleration, jerk).given(),
         shared_options(laws, settings or []),
         flange,
     )
