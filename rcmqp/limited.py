@@ -70,7 +70,14 @@ class Limited:
     @property
     def assumed(self) -> frozenset[str]:
         """Which limits, "acceleration" or "jerk", are assumed for at least one joint."""
-        return frozenset(name for name in self._assumed if self._is_assumed(name).any())
+        return frozenset(name for name in self._assumed if self.is_assumed(name).any())
+
+    def is_assumed(self, name: str) -> NDArray[np.bool_]:
+        """For which joints (nv,) a limit is assumed; for none once it has been set otherwise."""
+        values, missing = self._assumed.get(name, (None, None))
+        if missing is None or getattr(self, name) is not values:
+            return np.zeros(self.nv, dtype=bool)
+        return missing
 
     @property
     def limits_by_hand(self) -> ArmLimits:
@@ -82,7 +89,7 @@ class Limited:
         own = np.column_stack([self._own["lower"], self._own["upper"]])
         found: dict[str, Any] = {"position": _changed(pairs, (pairs == own).all(axis=1))}
         for name, of, time in _ASSUMPTIONS:
-            values, assumed = getattr(self, name), self._is_assumed(name)
+            values, assumed = getattr(self, name), self.is_assumed(name)
             again = assumed & (values == getattr(self, of) / time)
             found[name] = _changed(values, again | (~assumed & (values == self._own[name])))
         found["velocity"] = _changed(self.velocity, self.velocity == self._own["velocity"])
@@ -199,13 +206,6 @@ class Limited:
                 f"speed_near_limits is for {len(near.offset)} joints, the arm has {self.nv}: "
                 f"{', '.join(joints)}"
             )
-
-    def _is_assumed(self, name: str) -> NDArray[np.bool_]:
-        """For which joints (nv,) a limit is assumed; for none once it has been set otherwise."""
-        values, missing = self._assumed.get(name, (None, None))
-        if missing is None or getattr(self, name) is not values:
-            return np.zeros(self.nv, dtype=bool)
-        return missing
 
 
 def _changed(values: Array, kept: NDArray[np.bool_]) -> tuple[Any, ...] | None:

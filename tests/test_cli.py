@@ -76,7 +76,7 @@ def test_run_prints_one_json_object_with_the_promised_names(call: Call) -> None:
     assert set(found["versions"]) >= {"rcmqp", "pin", "numpy"}
     assert set(found["metrics"]) >= PROMISED_METRICS
     assert found["metrics"].pop("obstacle_distance_min_mm") is None  # there is no obstacle
-    assert found["metrics"].pop("acceleration_ratio_max") is None  # the Meka has no such limits
+    assert found["assumed"] == ["acceleration", "jerk"]
     assert all(isinstance(value, float) for value in found["metrics"].values())
 
 
