@@ -16,7 +16,7 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
@@ -71,8 +71,9 @@ def print_written(path: Path, more: str = "") -> None:
 
 
 def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """A table of texts."""
-    table = Table(*heads, box=box.SIMPLE)
+    """A table of texts; the first column, of names, is never cut."""
+    first, *others = heads
+    table = Table(Column(first, no_wrap=True), *others, box=box.SIMPLE)
     for row in rows:
         table.add_row(*map(escape, row))
     out.print(table)

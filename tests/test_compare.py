@@ -243,6 +243,20 @@ def test_a_ratio_to_an_assumed_limit_is_marked(
 
 
 @pytest.mark.usefixtures("no_figures")
+def test_limits_on_the_command_line_are_every_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = ["--duration", "0.02", "--out", str(tmp_path), "-c", "dual_quaternion"]
+    limits = ["--acceleration", "5", "--jerk", "inf"]
+    with pytest.raises(SystemExit):
+        main(["compare", "-s", "circle", "-a", "ur5", "-a", "panda", *short, *limits, "--json"])
+    assert [row["assumed"] for row in json.loads(capsys.readouterr().out)] == ["", ""]
+    for run in map(Run.load, sorted(tmp_path.glob("*.h5"))):
+        assert set(run.acceleration_limit) == {5.0}
+        assert np.isposinf(run.jerk_limit).all()
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_an_option_goes_to_each_controller_that_has_it_and_a_flange_to_urdfs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
