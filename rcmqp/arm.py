@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +16,10 @@ from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
 from rcmqp import dualquaternion as dq
+from rcmqp.arm_limits import Given, SpeedNearLimits
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import FrameNotFound, InvalidCommand, JointLimitViolated, OptionError
+from rcmqp.errors import FrameNotFound, InvalidCommand, OptionError
+from rcmqp.limited import Limited
 
 _LOCAL = pin.ReferenceFrame.LOCAL
 _jacobians, _placement = pin.computeJointJacobians, pin.updateFramePlacement
@@ -70,7 +74,7 @@ class ArmState:
         return 0.5 * dq.H8_plus(self.x) @ twist
 
 
-class Arm:
+class Arm(Limited):
     """A Pinocchio model, its tool flange and its home.
 
     Made by load_arm(). Every joint has one degree of freedom and moves the flange; velocity
@@ -84,11 +88,8 @@ class Arm:
         flange: name of the frame that the instrument is mounted on.
         jMflange: placement of the flange in the last joint's frame.
         home: (nv,) joint angles of the named starting pose [rad].
-        lower, upper: (nv,) position limits [rad]; infinite for continuous joints.
+        lower, upper, velocity, acceleration, jerk, speed_near_limits: see Limited.
         middle: (nv,) middle of the position limits; 0 for continuous joints.
-        velocity: (nv,) speed limits [rad/s].
-        acceleration: (nv,) acceleration limits [rad/s^2]; infinite where none is known.
-        jerk: (nv,) jerk limits [rad/s^3]; infinite where none is known.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
             spherical-revolute-spherical arm that is straight at zero; None for other arms.
         urdf: the file that the model was read from.
@@ -104,11 +105,32 @@ class Arm:
         licence: str = "unknown",
         home: ArrayLike | None = None,
         flange_offset: pin.SE3 | None = None,
-        acceleration: ArrayLike | None = None,
-        jerk: ArrayLike | None = None,
+        acceleration: Given | None = None,
+        jerk: Given | None = None,
+        speed_near_limits: SpeedNearLimits | None = None,
+        by_hand: Mapping[str, Any] | None = None,
         srs_offsets: ArrayLike | None = None,
         urdf: Path | None = None,
     ) -> None:
+        """Make an arm of a model.
+
+        Args:
+            model: fixed base, joints of one degree of freedom.
+            flange: name of the frame that the instrument is mounted on.
+            name: what it is called.
+            title: what people call it; the name without it.
+            licence: of the model file.
+            home: (nv,) joint angles of the starting pose; the middle without it.
+            flange_offset: placement of the flange in its frame.
+            acceleration: what is known of the limits, see Given; the speed limit over SPEED_TIME
+                is assumed of other joints.
+            jerk: likewise; the acceleration limit over ACCELERATION_TIME is assumed.
+            speed_near_limits: speed limits that depend on the position.
+            by_hand: limits by their name in ArmLimits, each of which takes the place of the arm's
+                own.
+            srs_offsets: see the attribute.
+            urdf: the file that the model was read from.
+        """
         frame = find_frame(model, flange)
         self.model, self.flange, self.name = model, flange, name
         self.title, self.licence, self.urdf = title or name, licence, urdf
@@ -121,14 +143,15 @@ class Arm:
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
         self._turning = np.flatnonzero(self._continuous)
         self._idx_q = np.array([joint.idx_q for joint in model.joints[1:]])
-        self.lower = self._per_joint(model.lowerPositionLimit, -np.inf)
-        self.upper = self._per_joint(model.upperPositionLimit, np.inf)
-        self.velocity = _vector("velocity limits", model.velocityLimit, model.nv)
-        unlimited = np.full(model.nv, np.inf)
-        self.acceleration = _vector(
-            "acceleration", unlimited if acceleration is None else acceleration, model.nv
-        )
-        self.jerk = _vector("jerk", unlimited if jerk is None else jerk, model.nv)
+        own = {
+            "lower": self._per_joint(model.lowerPositionLimit, -np.inf),
+            "upper": self._per_joint(model.upperPositionLimit, np.inf),
+            "velocity": _vector("velocity limits", model.velocityLimit, model.nv),
+            "acceleration": acceleration,
+            "jerk": jerk,
+            "speed_near_limits": speed_near_limits,
+        }
+        self._set_limits(own, by_hand or {}, self._continuous)
         self.srs_offsets = (
             None if srs_offsets is None else _vector("srs_offsets", srs_offsets, model.nv)
         )
@@ -146,20 +169,9 @@ class Arm:
         """Size of Pinocchio's configuration vector; larger than nv with continuous joints."""
         return int(self.model.nq)
 
-    @property
-    def nv(self) -> int:
-        """Number of joints, and size of a joint velocity."""
-        return int(self.model.nv)
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Joint names, from the base to the flange."""
-        return tuple(self.model.names)[1:]
-
     def with_effector(self, flangeMe: pin.SE3) -> Arm:
         """The same arm, with the effector at a fixed placement seen from the flange."""
-        arm = object.__new__(Arm)
-        arm.__dict__.update(self.__dict__)
+        arm = copy.copy(self)
         arm._put_effector(self.jMflange * flangeMe)
         return arm
 
@@ -222,34 +234,13 @@ class Arm:
             )
         return moved
 
-    def limit_margin(self, angles: ArrayLike) -> Array:
-        """Distance (..., nv) of joint angles (..., nv) to the nearer limit; negative outside."""
-        angles = np.asarray(angles, dtype=float)
-        return np.asarray(np.minimum(angles - self.lower, self.upper - angles))
-
     def check_limits(self, angles: ArrayLike) -> None:
         """Check joint angles (nv,).
 
         Raises:
             JointLimitViolated: the joint that is farthest outside its limits.
         """
-        angles = _checked(angles, self.nv, "joint angles")
-        worst = int(np.argmin(self.limit_margin(angles)))
-        if self.limit_margin(angles)[worst] < 0.0:
-            prismatic = self.model.joints[worst + 1].shortname().startswith("JointModelP")
-            raise JointLimitViolated(
-                self.joints[worst],
-                angles[worst],
-                self.lower[worst],
-                self.upper[worst],
-                "m" if prismatic else "rad",
-            )
-
-    def random_angles(self, rng: np.random.Generator) -> Array:
-        """Joint angles (nv,) drawn evenly between the limits; within +-pi where there is none."""
-        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
-        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return rng.uniform(lower, upper)
+        self._check_inside(_checked(angles, self.nv, "joint angles"))
 
     @functools.cached_property
     def sha256(self) -> str:
@@ -267,6 +258,11 @@ class Arm:
             key=lambda angles: -_distance(flange, angles, shoulder),
         )
         return max(_climb(flange, angles, shoulder) for angles in starts[:8])
+
+    def _copy(self) -> Arm:
+        arm = object.__new__(Arm)
+        arm.__dict__.update(self.__dict__)
+        return arm
 
     def _put_effector(self, jMe: pin.SE3) -> None:
         """Put the effector at a placement seen from the last joint: a frame of its own."""

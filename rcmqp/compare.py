@@ -57,7 +57,8 @@ class Row:
         limits_kept: whether no joint left its position, speed or acceleration limits; None of a
             case that was not run.
         safe_stops: cycles that ended in the controller's safe stop.
-        acceleration_ratio_max: NaN, too, on arms without acceleration limits.
+        acceleration_ratio_max, jerk_ratio_max: NaN, too, on arms without such limits.
+        assumed: which limits, acceleration or jerk, nobody has given; see Arm.assumed.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
         file: name of the run's file in the comparison's folder.
         failure: why there is no run; empty where there is one. Numbers are NaN then.
@@ -76,6 +77,8 @@ class Row:
     limits_kept: bool | None = None
     speed_ratio_max: float = np.nan
     acceleration_ratio_max: float = np.nan
+    jerk_ratio_max: float = np.nan
+    assumed: str = ""
     limit_margin_min_rad: float = np.nan
     obstacle_distance_min_mm: float = np.nan
     saturated_share: float = np.nan
@@ -105,6 +108,7 @@ _TITLES = {
     "limits_kept": "limits kept",
     "speed_ratio_max": "speed / limit",
     "acceleration_ratio_max": "acc. / limit",
+    "jerk_ratio_max": "jerk / limit",
     "limit_margin_min_rad": "margin [rad]",
     "saturated_share": "saturated",
     "safe_stops": "stops",
@@ -230,6 +234,7 @@ def row_of(run: Run) -> Row:
         limits_kept=found["speed_ratio_max"] <= 1.0 + ROUNDING
         and not found["acceleration_ratio_max"] > 1.0 + ROUNDING
         and found["limit_margin_min_rad"] >= -ROUNDING,
+        assumed=" ".join(run.assumed),
         safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
         sparc=sparc(speed, run.period),
         ldlj=log_dimensionless_jerk(speed, run.period),
@@ -293,7 +298,9 @@ def as_markdown(rows: Iterable[Row]) -> str:
     for row in rows:
         cells = {name: _cell(getattr(row, name)) for name in _TITLES}
         if not row.failure:
-            cells["acceleration_ratio_max"] = against_limit(row.acceleration_ratio_max, ".4g")
+            for name in ("acceleration", "jerk"):
+                ratio, assumed = f"{name}_ratio_max", name in row.assumed.split()
+                cells[ratio] = against_limit(getattr(row, ratio), ".4g", assumed=assumed)
         lines.append(f"| {' | '.join(cells.values())} |")
     return "\n".join(lines) + "\n"
 

@@ -16,7 +16,7 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
@@ -71,8 +71,9 @@ def print_written(path: Path, more: str = "") -> None:
 
 
 def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """A table of texts."""
-    table = Table(*heads, box=box.SIMPLE)
+    """A table of texts; the first column, of names, is never cut."""
+    first, *others = heads
+    table = Table(Column(first, no_wrap=True), *others, box=box.SIMPLE)
     for row in rows:
         table.add_row(*map(escape, row))
     out.print(table)
@@ -91,7 +92,7 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
             rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
         print_table(("error", "rms", "95 %", "max"), rows)
-        for line in (*_summary(metrics), *_governed(result)):
+        for line in (*_summary(metrics, result.head.assumed), *_governed(result)):
             out.print(line, highlight=False, markup=False)
         if file is not None:
             out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
@@ -116,7 +117,8 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
     if metrics.acceleration_ratio_max > 1.0 + ROUNDING:
         found.append(
             "the joints were asked for up to "
-            f"{metrics.acceleration_ratio_max:.3g} times their acceleration limits"
+            f"{metrics.acceleration_ratio_max:.3g} times their "
+            f"{'assumed ' if 'acceleration' in head.assumed else ''}acceleration limits"
         )
     if metrics.limit_margin_min_rad < -ROUNDING:
         where = _where(
@@ -156,17 +158,24 @@ def print_arms(arms: Iterable[Arm]) -> None:
             f"{arm.reach:.2f}",
             _span(np.degrees(arm.upper - arm.lower)),
             _span(np.degrees(arm.velocity)),
+            _span(np.degrees(arm.acceleration)).replace("endless", "no limit"),
+            _span(np.degrees(arm.jerk)).replace("endless", "no limit"),
+            "both" if len(arm.assumed) == 2 else "".join(arm.assumed),
             arm.licence,
         )
         for arm in arms
     ]
-    print_table(("name", "joints", "reach, m", "travel, deg", "speed, deg/s", "licence"), rows)
-    out.print("rcmqp arms NAME lists one arm's joints.", style="dim")
+    heads = ("name", "joints", "reach", "travel", "speed", "acceleration", "jerk")
+    print_table((*heads, "assumed", "licence"), rows)
+    out.print(
+        "In m, deg, deg/s, deg/s^2, deg/s^3. Assumed: which of acceleration and jerk no source "
+        "gives;\na careful value stands in. rcmqp arms NAME lists one arm's joints.",
+        style="dim",
+    )
 
 
 def print_arm(arm: Arm) -> None:
     """A line a joint."""
-    columns = (arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.home)
     out.print(
         f"{arm.title}: reach {arm.reach:.3f} m, flange {arm.flange}, licence {arm.licence}",
         soft_wrap=True,
@@ -174,13 +183,24 @@ def print_arm(arm: Arm) -> None:
         markup=False,
     )
     print_table(
-        ("joint", "lower", "upper", "speed", "acceleration", "home"),
+        ("joint", "lower", "upper", "speed", "acceleration", "jerk", "home"),
         [
-            (joint, *(f"{column[i]:.4f}" for column in columns))
+            (
+                joint,
+                *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper, arm.velocity)),
+                _limit(arm.acceleration[i], bool(arm.is_assumed("acceleration")[i])),
+                _limit(arm.jerk[i], bool(arm.is_assumed("jerk")[i])),
+                f"{arm.home[i]:.4f}",
+            )
             for i, joint in enumerate(arm.joints)
         ],
     )
-    out.print("In rad, rad/s, rad/s^2 (m for prismatic joints); inf: no limit given.", style="dim")
+    note = "In rad, rad/s, rad/s^2, rad/s^3 (m for prismatic joints)."
+    if arm.assumed:
+        note += f" Assumed, as no source gives it: {' and '.join(sorted(arm.assumed))}."
+    if arm.speed_near_limits is not None:
+        note += " Near its position limits a joint may move only more slowly."
+    out.print(note, style="dim", soft_wrap=True)
 
 
 def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
@@ -197,6 +217,7 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
         "path_done": path_done(result),
         "digest": result.digest,
         "versions": dict(head.versions),
+        "assumed": list(head.assumed),
         "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
         "warnings": warnings(result, metrics),
     }
@@ -204,13 +225,14 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
 
 def arm_json(arm: Arm) -> dict[str, Any]:
     """What rcmqp arms --json prints for one arm."""
-    arrays = ("lower", "upper", "velocity", "acceleration", "home")
+    arrays = ("lower", "upper", "velocity", "acceleration", "jerk", "home")
     return {
         "name": arm.name,
         "title": arm.title,
         "joints": list(arm.joints),
         "reach": arm.reach,
         **{name: [_finite(x) for x in getattr(arm, name)] for name in arrays},
+        "assumed": sorted(arm.assumed),
         "licence": arm.licence,
     }
 
@@ -221,7 +243,11 @@ def row_json(row: object) -> dict[str, Any]:
     return {name: _finite(x) if isinstance(x, float) else x for name, x in values.items()}
 
 
-def _summary(metrics: Metrics) -> Sequence[str]:
+def _summary(metrics: Metrics, assumed: Sequence[str] = ()) -> Sequence[str]:
+    acceleration, jerk = (
+        _at_most(getattr(metrics, f"{name}_ratio_max"), name in assumed)
+        for name in ("acceleration", "jerk")
+    )
     return (
         f"contour error         {readable(metrics.contour_rms_mm, '.5f')} mm rms, "
         f"{readable(metrics.contour_max_mm, '.5f')} mm max, tip late by "
@@ -229,7 +255,8 @@ def _summary(metrics: Metrics) -> Sequence[str]:
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
         f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
         f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
-        f"acceleration / limit  {against_limit(metrics.acceleration_ratio_max, '.3f')} at most",
+        f"acceleration / limit  {acceleration}",
+        f"jerk / limit          {jerk}",
         f"margin to limits      {round(metrics.limit_margin_min_rad, 3) + 0.0:.3f} rad at least",
         f"singular value        {metrics.singular_value_min:.4f} at least",
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
@@ -273,6 +300,17 @@ def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+def _at_most(ratio: float, assumed: bool) -> str:
+    """The largest ratio to a limit, for people."""
+    text = against_limit(ratio, ".3f")
+    return text if math.isnan(ratio) else f"{text} at most{' (limit assumed)' if assumed else ''}"
+
+
+def _limit(value: float, assumed: bool) -> str:
+    """An acceleration or jerk limit, for people."""
+    return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
 
 
 def _span(values: Array) -> str:

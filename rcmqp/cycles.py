@@ -111,6 +111,8 @@ class Cycles:
             upper=arm.upper,
             velocity_limit=arm.velocity,
             acceleration_limit=arm.acceleration,
+            jerk_limit=arm.jerk,
+            assumed=tuple(sorted(arm.assumed)),
             **rows,
             solve_time=np.array(self._times),
             diagnostics=diagnostics,

@@ -49,17 +49,21 @@ class Head:
     joints: Sequence[str]
     urdf_sha256: str
     stops: Mapping[str, Sequence[int]]
+    assumed: Sequence[str] = ()
 
     def digest(self, arrays: Mapping[str, Rows], block: int) -> str:
         """SHA-256 over arrays, read ``block`` rows at a time, and head; versions do not count.
 
-        Neither does ``path_time`` if it is ``time``: files of before it have the same digest.
+        Neither does ``path_time`` if it is ``time``, nor jerk limits that are all infinite: files
+        of earlier versions, which have neither, have the same digest.
         """
         sha = hashlib.sha256()
         for name in sorted(arrays):
             if name == "path_time" and _equal(arrays[name], arrays["time"], block):
                 continue
             array = arrays[name]
+            if name == "jerk_limit" and np.isinf(array[:]).all():
+                continue
             sha.update(f"{name} {array.shape} {array.dtype}".encode())
             for first in range(0, array.shape[0], block):
                 sha.update(np.ascontiguousarray(array[first : first + block]).tobytes())
@@ -69,6 +73,8 @@ class Head:
         sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
         if self.stops:
             sha.update(json.dumps(self.stops).encode())
+        if self.assumed:
+            sha.update(json.dumps(tuple(self.assumed)).encode())
         return sha.hexdigest()
 
     def write(self, file: h5py.File, digest: str) -> None:
@@ -82,6 +88,7 @@ class Head:
         file.attrs["versions"] = json.dumps(dict(self.versions))
         file.attrs["joints"] = json.dumps(tuple(self.joints))
         file.attrs["urdf_sha256"] = self.urdf_sha256
+        file.attrs["assumed"] = json.dumps(tuple(self.assumed))
         file.attrs["seed"] = self.scenario.seed
         file.attrs["digest"] = digest
 

@@ -7,7 +7,6 @@ import importlib.resources
 import math
 import os
 import tomllib
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp.arm import Arm, find_frame
+from rcmqp.arm_limits import Given, GivenPosition, SpeedNearLimits
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import ArmError, UnknownName
+from rcmqp.urdf import limits_of, mimics_of, model_of
 
 _EXAMPLE_ROBOT_DATA = "example-robot-data"
 
@@ -41,10 +42,21 @@ def load_arm(
     *,
     home: ArrayLike | None = None,
     locked: Mapping[str, float] | None = None,
+    position: GivenPosition | None = None,
+    velocity: Given | None = None,
+    acceleration: Given | None = None,
+    jerk: Given | None = None,
+    speed_near_limits: SpeedNearLimits | None = None,
 ) -> Arm:
     """Load an arm by name, or from a URDF.
 
     Joints that do not move the flange (grippers, other arms) are held where they are.
+
+    Limits that are given take the place of the arm's own: one number for all joints, one for each
+    (None keeps the joint's own), or numbers by joint name. The arm's own are those of the URDF and
+    of robot.toml. URDF 1.2 has acceleration, deceleration and jerk in <limit>; of the first two
+    the smaller counts, for speeding up and for slowing down. An acceleration or jerk limit that
+    is nowhere is assumed, see Limited and ``arm.assumed``; math.inf says that there is none.
 
     Args:
         name: a name out of arm_names(), or the path of a URDF (it ends in .urdf).
@@ -52,24 +64,38 @@ def load_arm(
         home: only with a URDF: (nv,) joint angles of the starting pose [rad]; without it, a
             configuration far from limits and singularities is searched, the same each time.
         locked: only with a URDF: joints on the way to the flange to hold, with their position.
+        position: position limits, a lower and an upper one [rad].
+        velocity: speed limits [rad/s].
+        acceleration: acceleration limits [rad/s^2].
+        jerk: jerk limits [rad/s^3].
+        speed_near_limits: speed limits that depend on the position.
 
     Raises:
-        UnknownName: no arm has this name.
+        UnknownName: no arm or no joint has this name.
         FrameNotFound: the URDF has no such frame.
         ArmError: the file is missing, is no URDF, or holds no fixed-base serial arm.
+        OptionError: a limit is not allowed.
     """
     if not isinstance(name, str | os.PathLike):
         raise ArmError(f"{name!r} is no arm; give a name, one of {arm_names()}, or a URDF's path")
+    limits = {
+        "position": position,
+        "velocity": velocity,
+        "acceleration": acceleration,
+        "jerk": jerk,
+        "speed_near_limits": speed_near_limits,
+    }
+    by_hand = {limit: value for limit, value in limits.items() if value is not None}
     path = Path(name)
     if path.suffix.lower() in (".urdf", ".xml", ".xacro") or path.parent != Path():
-        return _load_urdf(path, flange, home, locked or {})
+        return _load_urdf(path, flange, home, locked or {}, by_hand)
     if str(name) not in arm_names():
         raise UnknownName("arm", str(name), arm_names())
     if flange is not None or home is not None or locked is not None:
         raise ArmError(
             f"flange, home and locked go with a URDF's path; {name} has its own in robot.toml"
         )
-    return _load_named(str(name))
+    return _load_named(str(name), by_hand)
 
 
 def _robots() -> Path:
@@ -84,7 +110,7 @@ def _entry(name: str) -> dict[str, Any]:
         raise ArmError(f"{file} is not TOML: {error}") from error
 
 
-def _load_named(name: str) -> Arm:
+def _load_named(name: str, by_hand: Mapping[str, Any]) -> Arm:
     entry = _entry(name)
     urdf = _resolve(_robots() / name, entry["urdf"])
     frame = entry["flange"]
@@ -93,14 +119,18 @@ def _load_named(name: str) -> Arm:
         np.array(frame.get("xyz", [0.0, 0.0, 0.0])),
     )
     keys = ("title", "licence", "home", "acceleration", "jerk", "srs_offsets")
+    about = {key: entry[key] for key in keys if key in entry}
+    if "speed_near_limits" in entry:
+        about["speed_near_limits"] = SpeedNearLimits(**entry["speed_near_limits"])
     return _build(
-        _read(urdf),
+        _model(urdf),
         frame["frame"],
         entry.get("locked", {}),
         name=name,
         urdf=urdf,
         flange_offset=offset,
-        **{key: entry[key] for key in keys if key in entry},
+        by_hand=by_hand,
+        **about,
     )
 
 
@@ -119,46 +149,30 @@ def _resolve(folder: Path, urdf: str) -> Path:
 
 
 def _load_urdf(
-    path: Path, flange: str | None, home: ArrayLike | None, locked: Mapping[str, float]
+    path: Path,
+    flange: str | None,
+    home: ArrayLike | None,
+    locked: Mapping[str, float],
+    by_hand: Mapping[str, Any],
 ) -> Arm:
-    model = _read(path)
+    model = _model(path)
     if flange is None:
         bodies = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
         raise ArmError(
             f"{path}: say which frame carries the instrument: flange=..., "
             f"or --flange on the command line (the last ones are {', '.join(bodies[-4:])})"
         )
-    arm = _build(model, flange, locked, name=str(path), title=model.name, urdf=path, home=home)
+    about = {"title": model.name, "urdf": path, "home": home, "by_hand": by_hand}
+    arm = _build(model, flange, locked, name=str(path), **about)
     if home is None:
         arm.home = _comfortable(arm)
     return arm
 
 
-def _read(path: Path) -> pin.Model:
-    """Model of a URDF; what the parser would only print on the terminal, raised."""
+def _model(path: Path) -> pin.Model:
     if not path.is_file():
         raise ArmError(f"{path}: no such file; give the path of a URDF, or a name: {arm_names()}")
-    try:
-        root = ET.parse(path).getroot()
-    except (ET.ParseError, LookupError, ValueError) as error:
-        raise ArmError(f"{path} is not a URDF: {error}") from error
-    if root.tag != "robot" or "name" not in root.attrib:
-        raise ArmError(f'{path} is not a URDF: its root must be <robot name="...">')
-    for joint in root.iterfind("joint"):
-        if joint.get("type") in ("revolute", "prismatic") and joint.find("limit") is None:
-            raise ArmError(f"{path}: joint {joint.get('name')!r} has no <limit>; add one")
-    try:
-        return pin.buildModelFromUrdf(str(path))
-    except (ValueError, RuntimeError) as error:
-        raise ArmError(
-            f"{path} is not a URDF that Pinocchio can read: {str(error).strip()}"
-        ) from error
-
-
-def _mimics(path: Path) -> list[str]:
-    """Names of the joints of a URDF that follow another joint."""
-    joints = ET.parse(path).getroot().iterfind("joint")
-    return [joint.attrib["name"] for joint in joints if joint.find("mimic") is not None]
+    return model_of(path)
 
 
 def _build(
@@ -181,13 +195,15 @@ def _build(
             _set_angle(q, model.joints[i], locked[model.names[i]])
     model = pin.buildReducedModel(model, hold, q)
     _check(model, flange, name)
-    for mimic in _mimics(about["urdf"]):
+    for mimic in mimics_of(about["urdf"]):
         if model.existJointName(mimic):
             raise ArmError(
                 f"{name}: joint {mimic!r} mimics another one and moves the flange; hold it with "
                 "locked, or take its <mimic> out of the URDF"
             )
+    about = limits_of(about["urdf"], list(model.names)[1:]) | about
     arm = Arm(model, flange, name=name, **about)
+    _check_limits(arm)
     if about.get("home") is not None:
         arm.check_limits(arm.home)
     return arm
@@ -209,16 +225,20 @@ def _check(model: pin.Model, flange: str, name: str) -> None:
                 f"({joint.shortname()}); only a fixed-base arm of revolute, continuous and "
                 "prismatic joints can be used: fix the base to the world"
             )
-        i, k = joint.idx_v, joint.idx_q
-        lower, upper = model.lowerPositionLimit[k], model.upperPositionLimit[k]
+
+
+def _check_limits(arm: Arm) -> None:
+    """Check position and speed limits, wherever they come from."""
+    for i, joint in enumerate(arm.joints):
+        lower, upper, velocity = arm.lower[i], arm.upper[i], arm.velocity[i]
         if not lower < upper:
             raise ArmError(
-                f"{name}: joint {joint_name!r} has lower limit {lower} not below upper {upper}"
+                f"{arm.name}: joint {joint!r} has lower limit {lower} not below upper {upper}"
             )
-        if not model.velocityLimit[i] > 0.0:
+        if not 0.0 < velocity < math.inf:
             raise ArmError(
-                f"{name}: joint {joint_name!r} has velocity limit {model.velocityLimit[i]}; "
-                "give it a positive one in <limit velocity=...>"
+                f"{arm.name}: joint {joint!r} has velocity limit {velocity}; "
+                "give it a positive, finite one in <limit velocity=...>"
             )
 
 

@@ -12,6 +12,7 @@ from rcmqp import dualquaternion as dq
 from rcmqp.contour import Contour
 from rcmqp.dualquaternion import Array
 from rcmqp.extent import Extent, percentile
+from rcmqp.jerk import JerkRatio
 from rcmqp.run import Run
 from rcmqp.run_file import Recording
 from rcmqp.scene import clearance
@@ -46,6 +47,8 @@ class Metrics:
         acceleration_ratio_max: largest change of a commanded joint speed from one cycle to the
             next, from rest at first, over the period and the limit; likewise. NaN on arms without
             acceleration limits.
+        jerk_ratio_max: largest change of that change, over the period squared and the jerk limit;
+            likewise.
         saturated_share: of the cycles, those in which a joint is commanded at its limit of speed
             or of acceleration, or above.
         limit_margin_min_rad: least distance of a joint from a position limit; negative outside.
@@ -75,6 +78,7 @@ class Metrics:
     tilt_max_mrad: float
     speed_ratio_max: float
     acceleration_ratio_max: float
+    jerk_ratio_max: float
     saturated_share: float
     limit_margin_min_rad: float
     obstacle_distance_min_mm: float
@@ -89,11 +93,14 @@ def compute_metrics(run: Recording) -> Metrics:
     contour = Contour(run)
     found: defaultdict[str, Extent] = defaultdict(Extent)
     before: Run | None = None
+    jerk = JerkRatio()
     for part in run.parts():
+        found["jerk_ratio"].add(jerk.of(part))
         for name, channel in (_measures(part, before) | contour.measure(part)).items():
             found[name].add(channel)
         before = part
     has_limit = np.isfinite(part.acceleration_limit).any()
+    has_jerk_limit = np.isfinite(part.jerk_limit).any()
     values = {
         **_summary(run, "tip", "mm", found),
         "contour_rms_mm": 1e3 * found["contour"].rms,
@@ -107,6 +114,7 @@ def compute_metrics(run: Recording) -> Metrics:
         "tilt_max_mrad": 1e3 * found["tilt"].high,
         "speed_ratio_max": found["speed_ratio"].high,
         "acceleration_ratio_max": found["acceleration_ratio"].high if has_limit else np.nan,
+        "jerk_ratio_max": found["jerk_ratio"].high if has_jerk_limit else np.nan,
         "saturated_share": found["saturated"].mean_square,
         "limit_margin_min_rad": found["margin"].low,
         "obstacle_distance_min_mm": 1e3 * found["obstacle"].low,
@@ -144,9 +152,13 @@ def readable(value: float, style: str) -> str:
     return format(value, ".3g" if 0.0 < abs(value) < SMALL else style)
 
 
-def against_limit(ratio: float, style: str = ".3g") -> str:
-    """A ratio to a limit, for people: "no limit" where there is none and the ratio is NaN."""
-    return "no limit" if np.isnan(ratio) else readable(ratio, style)
+def against_limit(ratio: float, style: str = ".3g", *, assumed: bool = False) -> str:
+    """A ratio to a limit, for people: "no limit" where there is none and the ratio is NaN.
+
+    A limit that nobody has given is said to be assumed.
+    """
+    mark = " (assumed)" if assumed else ""
+    return "no limit" if np.isnan(ratio) else readable(ratio, style) + mark
 
 
 def obstacle_distance(run: Run) -> Array:

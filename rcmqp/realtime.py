@@ -121,7 +121,8 @@ def run_realtime(
         What happened; ``stop.fault`` says why the loop ended early, if it did.
 
     Raises:
-        OptionError: a time is not allowed.
+        OptionError: a time is not allowed, or an acceleration or jerk limit of the arm is only
+            assumed or infinite: see load_arm(..., acceleration=..., jerk=...).
         RcmqpError: before the loop, while nothing moves: what would end it is refused in the
             warm-up, and so is a joint that is faster than it may be.
     """
@@ -133,6 +134,7 @@ def run_realtime(
             raise OptionError(f"{name} = {value} s, it must be positive and finite")
     if not 0.0 <= spin <= period:
         raise OptionError(f"spin = {spin} s, it must lie between 0 and the period, {period} s")
+    controller.insertion.arm.check_limits_known()
     timing = Deadlines(period, spin, clock, sleep)
     loop = _Loop(robot, controller, references, timing, reference_age, lateness)
     loop.warm_up()

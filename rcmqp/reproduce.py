@@ -53,6 +53,7 @@ _VERSUS_ROWS: tuple[tuple[str, str, str], ...] = (
     ("orientation error, rms [mrad]", "orientation_rms_mrad", ".3f"),
     ("joint speed over its limit, max", "speed_ratio_max", ".2f"),
     ("joint acceleration over its limit, max", "acceleration_ratio_max", ".2f"),
+    ("joint jerk over its limit, max", "jerk_ratio_max", ".2f"),
     ("margin to joint limits, least [rad]", "limit_margin_min_rad", ".2f"),
     ("singular value, least", "singular_value_min", ".3f"),
 )
@@ -197,7 +198,11 @@ def versus_table(runs: Sequence[Run]) -> str:
     ]
     metrics = [compute_metrics(run) for run in runs]
     for label, name, style in _VERSUS_ROWS:
-        cells = [against_limit(getattr(found, name), style) for found in metrics]
+        limit = name.removesuffix("_ratio_max")
+        cells = [
+            against_limit(getattr(found, name), style, assumed=limit in run.assumed)
+            for run, found in zip(runs, metrics, strict=True)
+        ]
         lines.append(f"| {' | '.join([label, *cells])} |")
     return "\n".join(lines) + "\n"
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 PART = 4096
 """Rows of a part of a run: some four seconds at 1 kHz, four megabytes."""
 
-FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit")
+FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit", "jerk_limit")
 """Channels that are the arm's, without a row for each cycle."""
 
 
@@ -51,8 +51,9 @@ class Run:
     upper: Array = _channel("rad", "(nv,) upper position limits; inf for continuous joints")
     velocity_limit: Array = _channel("rad/s", "(nv,) joint speed limits")
     acceleration_limit: Array = _channel(
-        "rad/s^2", "(nv,) joint acceleration limits; inf where none is known"
+        "rad/s^2", "(nv,) joint acceleration limits; inf where there is none"
     )
+    jerk_limit: Array = _channel("rad/s^3", "(nv,) joint jerk limits; inf where there is none")
     time: Array = _channel("s", "(n,) sampling instants")
     q: Array = _channel("rad", "(n, nq) Pinocchio's configuration")
     q_measured: Array = _channel("rad", "(n, nq) the configuration that the controller saw")
@@ -86,6 +87,8 @@ class Run:
     about_diagnostics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Why the controller stopped safely, and the rows of the cycles in which it did."""
+    assumed: tuple[str, ...] = ()
+    """Which limits, of "acceleration" and "jerk", were assumed; see Arm.assumed."""
 
     def __post_init__(self) -> None:
         """Protect the arrays; without a time of its own, the path is in time."""
@@ -168,6 +171,7 @@ class Run:
             self.joints,
             self.urdf_sha256,
             self.stops,
+            self.assumed,
         )
 
     def __eq__(self, other: object) -> bool:
@@ -255,6 +259,12 @@ class Run:
     @classmethod
     def read(cls, file: h5py.File, rows: slice) -> Run:
         """The part of a run in an open file that these rows are; its stops are all of them."""
+        arrays = {
+            item.name: stored_channel(file, item.name)[() if item.name in FIXED else rows]
+            for item in channels()
+            if item.name in file or item.name == "path_time"
+        }
+        arrays.setdefault("jerk_limit", np.full_like(arrays["lower"], np.inf))  # an earlier file
         return cls(
             scenario=Scenario.from_json(file.attrs["scenario"]),
             controller=file.attrs["controller"],
@@ -263,15 +273,13 @@ class Run:
             joints=tuple(json.loads(file.attrs["joints"])),
             urdf_sha256=file.attrs["urdf_sha256"],
             stops=json.loads(file["stops"][()]) if "stops" in file else {},
+            assumed=tuple(json.loads(file.attrs.get("assumed", "[]"))),
             diagnostics={name: data[rows] for name, data in file["diagnostics"].items()},
             about_diagnostics={
                 name: (data.attrs["unit"], data.attrs["meaning"])
                 for name, data in file["diagnostics"].items()
             },
-            **{
-                item.name: stored_channel(file, item.name)[() if item.name in FIXED else rows]
-                for item in channels()
-            },
+            **arrays,
         )
 
 

@@ -60,7 +60,11 @@ class RunFile:
         with contextlib.ExitStack() as stack:
             self._file: h5py.File = stack.enter_context(opened(self._path))
             self._run = Run.read(self._file, slice(0, 0))
-            arrays = {name: self.column(name) for name in self._run.arrays()}
+            arrays = {
+                name: self.column(name)
+                for name in self._run.arrays()
+                if name in self._file or name == "path_time"
+            }
             arrays |= dict(self._file["diagnostics"])
             del arrays["solve_time"]
             self.digest = self.head.digest(arrays, block=PART)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
+from rcmqp.arm import Arm, ArmState
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.governor import Governed, Governor, PathClock, check_may_wait
@@ -70,6 +71,7 @@ class Scenario:
         governor: slows the path down where the tip falls behind; the duration stays what it is,
             so a slowed path may not come to its end. Neither the trocar's motion nor the path
             planner's parts are slowed. None for a path that does not wait.
+        limits: of the joints, in place of the arm's own; None where none was given by hand.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Scenario:
     obstacles: tuple[Sphere, ...] = ()
     plant: Plant = field(default_factory=Kinematic)
     governor: Governor | None = None
+    limits: ArmLimits | None = None
 
     def __post_init__(self) -> None:
         """Make plain numbers of what was given, and check it."""
@@ -116,6 +119,10 @@ class Scenario:
         for obstacle in self.obstacles:
             if not isinstance(obstacle, Sphere):
                 raise OptionError(f"obstacles: {obstacle!r} is no Sphere")
+        if not isinstance(self.limits, ArmLimits | None):
+            raise OptionError(f"limits = {self.limits!r}, they must be an ArmLimits, or None")
+        if self.limits == ArmLimits():
+            object.__setattr__(self, "limits", None)
         if self.cycles > MOST_CYCLES:
             raise OptionError(
                 f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
@@ -147,6 +154,7 @@ class Scenario:
         flange: str | None = None,
         angles_start: ArrayLike | None = None,
         depth: float = 0.1,
+        limits: ArmLimits | None = None,
         **fields: Any,
     ) -> Self:
         """A scenario with the trocar where the shaft is, ``depth`` [m] before the tip.
@@ -158,11 +166,12 @@ class Scenario:
             flange: with a URDF, the frame that carries the instrument.
             angles_start: (nv,) joint angles at the start [rad]; the arm's home without them.
             depth: how far the tip is inside at the start [m].
+            limits: of the joints, in place of the arm's own.
             fields: of the scenario, other than their defaults.
         """
-        loaded = load_arm(arm, flange)
+        loaded = load_arm(arm, flange, **_given(limits))
         insertion = Insertion.on_shaft(loaded, Instrument(), angles_start, depth=depth)
-        return cls.of(name, insertion, path, **fields)
+        return cls.of(name, insertion, path, **({"limits": limits} | fields))
 
     def __str__(self) -> str:
         """The name, and the arm."""
@@ -179,7 +188,7 @@ class Scenario:
 
         Args:
             name: what to call it.
-            insertion: its arm was loaded by name, or from a URDF.
+            insertion: its arm was loaded by name, or from a URDF; limits set by hand are kept.
             path: the views asked for.
             fields: any other field of Scenario.
         """
@@ -191,6 +200,7 @@ class Scenario:
             "instrument": insertion.instrument,
             "trocar": insertion.trocar,
             "duration": path.duration,
+            "limits": arm.limits_by_hand,
         }
         return cls(name=name, path=path, **(given | fields))
 
@@ -200,7 +210,7 @@ class Scenario:
         Raises:
             RcmqpError: the arm cannot be loaded, or things do not fit together.
         """
-        arm = load_arm(self.arm, self.flange)
+        arm = load_arm(self.arm, self.flange, **_given(self.limits))
         return Insertion(
             arm,
             self.instrument,
@@ -208,6 +218,19 @@ class Scenario:
             self.angles_start,
             tolerance=self.shaft_tolerance,
             obstacles=self.obstacles,
+        )
+
+    def has_limits_of(self, arm: Arm) -> bool:
+        """Whether an arm of the scenario's name has the limits that the scenario gives it."""
+        by_hand = arm.limits_by_hand.given()
+        if not by_hand.keys() | _given(self.limits).keys():
+            return True
+        own = load_arm(self.arm, self.flange, **_given(self.limits))
+        names = ("lower", "upper", "velocity", "acceleration", "jerk")
+        return (
+            all(np.array_equal(getattr(own, name), getattr(arm, name)) for name in names)
+            and own.speed_near_limits == arm.speed_near_limits
+            and own.assumed == arm.assumed
         )
 
     def planner(self, x_rcm: Array) -> Planner | None:
@@ -315,8 +338,11 @@ class Scenario:
     def to_json(self) -> str:
         """The scenario as JSON; from_json() makes an equal one of it."""
         data = dataclasses.asdict(self)
+        del data["limits"]
         if self.governor is None:  # files of before there were governors say the same
             del data["governor"]
+        if self.limits is not None:  # else as in files of earlier versions, whose digest stays
+            data["limits"] = self.limits.to_data()
         for name, kinds in _KINDS.items():
             if isinstance(self.path, Foreign) and name == "path":
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
@@ -351,6 +377,8 @@ class Scenario:
             if data.get("governor") is not None:
                 data["governor"] = Governor(**data["governor"])
             data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
+            if data.get("limits") is not None:
+                data["limits"] = ArmLimits.from_data(data["limits"])
             return cls(**data)
         except RcmqpError:
             raise
@@ -381,6 +409,11 @@ def blocks(cycles: int) -> Iterator[range]:
     """All cycles, BLOCK at a time."""
     for first in range(0, cycles, BLOCK):
         yield range(first, min(first + BLOCK, cycles))
+
+
+def _given(limits: ArmLimits | None) -> dict[str, Any]:
+    """What load_arm() is told of limits."""
+    return {} if limits is None else limits.given()
 
 
 def _refuse(constant: str) -> float:

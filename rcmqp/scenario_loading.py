@@ -7,10 +7,12 @@ import importlib
 import importlib.util
 import inspect
 import pkgutil
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import why
 from rcmqp.loading import arm_names
@@ -26,7 +28,13 @@ def scenario_names() -> list[str]:
 
 
 def load_scenario(
-    name: str, arm: str | None = None, *, flange: str | None = None, **changes: Any
+    name: str,
+    arm: str | None = None,
+    *,
+    flange: str | None = None,
+    acceleration: float | Sequence[float | None] | None = None,
+    jerk: float | Sequence[float | None] | None = None,
+    **changes: Any,
 ) -> Scenario:
     """Make a scenario by name on an arm, or read one from a file.
 
@@ -36,6 +44,9 @@ def load_scenario(
         arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
             own. A .json file has its arm already.
         flange: with a URDF, the frame that carries the instrument.
+        acceleration: limits of the joints in place of the arm's own, one number for all joints or
+            one for each [rad/s^2].
+        jerk: likewise [rad/s^3]; other limits are given by ``limits``.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
     Raises:
@@ -65,7 +76,13 @@ def load_scenario(
     for change in changes:
         if change not in fields:
             raise UnknownName("field of a scenario", change, fields)
-    return dataclasses.replace(scenario, **changes)
+    scenario = dataclasses.replace(scenario, **changes)
+    given: dict[str, Any] = {"acceleration": acceleration, "jerk": jerk}
+    given = {limit: value for limit, value in given.items() if value is not None}
+    if not given:
+        return scenario
+    limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
+    return dataclasses.replace(scenario, limits=limits)
 
 
 def scenario_module(name: str) -> ModuleType:

@@ -36,8 +36,11 @@ PATIENCE = 50
 
 
 def insertion_of(arm: str) -> Insertion:
-    """What both processes take for granted: the arm at home, its shaft 10 cm in the trocar."""
-    return Insertion.on_shaft(load_arm(arm), Instrument(), depth=0.1)
+    """What both processes take for granted: the arm at home, its shaft 10 cm in the trocar.
+
+    It is a simulation: limits that are only assumed of the real arm are this one's.
+    """
+    return Insertion.on_shaft(load_arm(arm).confirmed(), Instrument(), depth=0.1)
 
 
 class Packets:

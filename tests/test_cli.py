@@ -115,7 +115,7 @@ def test_run_prints_one_json_object_with_the_promised_names(call: Call) -> None:
     assert set(found["versions"]) >= {"rcmqp", "pin", "numpy"}
     assert set(found["metrics"]) >= PROMISED_METRICS
     assert found["metrics"].pop("obstacle_distance_min_mm") is None  # there is no obstacle
-    assert found["metrics"].pop("acceleration_ratio_max") is None  # the Meka has no such limits
+    assert found["assumed"] == ["acceleration", "jerk"]
     assert all(isinstance(value, float) for value in found["metrics"].values())
 
 
@@ -273,6 +273,54 @@ def test_one_arm_and_one_controller_are_explained(call: Call) -> None:
     assert "j2s6s200_joint_1" in out
     assert "inf" in out  # continuous
     assert "Departures:" in call("controllers", "dual-quaternion")[1]
+
+
+def test_what_is_assumed_of_an_arm_is_said(call: Call) -> None:
+    for name, assumed in (("panda", []), ("lwa3", ["jerk"]), ("ur5", ["acceleration", "jerk"])):
+        assert read_json(call("arms", name, "--json")[1])[0]["assumed"] == assumed
+        _, out, _ = call("arms", name)
+        assert out.count(" assumed ") == load_arm(name).nv * len(assumed)
+        assert ("Assumed, as no source gives it" in out) == bool(assumed)
+    row = next(line for line in call("arms")[1].splitlines() if "meka_a2" in line)
+    assert " both " in row
+
+
+def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call) -> None:
+    short = (*SHORT, "--arm", "ur5")
+    lines = call(*short)[1]
+    assert lines.count("at most (limit assumed)") == 2
+    given = ("--acceleration", "8", "--jerk", "inf,9,9,9,9,9")
+    _, out, _ = call(*short, *given)
+    assert "(limit assumed)" not in out
+    found = read_json(call(*short, *given, "--json")[1])
+    assert found["assumed"] == []
+    ratio = read_json(call(*short, "--json")[1])["metrics"]["acceleration_ratio_max"]
+    own = load_arm("ur5").acceleration
+    assert 0.75 < found["metrics"]["acceleration_ratio_max"] / (ratio * own[0] / 8.0) < 1.05
+    _, out, _ = call(*short, "--acceleration", "inf")
+    assert out.count("no limit") == 2
+    found = read_json(call(*short, "--acceleration", "inf", "--json")[1])["metrics"]
+    assert found["acceleration_ratio_max"] is found["jerk_ratio_max"] is None
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (
+            ("--acceleration", "fast"),
+            "--acceleration fast: give a number, such as 8, or one",
+        ),
+        (("--jerk", "1,2,"), "--jerk 1,2,: give a number"),
+        (("--jerk", "0"), "jerk = 0 rad/s^3, it must be positive; math.inf is no limit"),
+        (("--acceleration", "1,2"), "acceleration has shape (2,), the arm has 7 joints"),
+    ],
+)
+def test_limits_that_cannot_be_are_refused(
+    call: Call, option: tuple[str, str], message: str
+) -> None:
+    code, _, err = call(*SHORT, *option)
+    assert code == 1
+    assert message in " ".join(err.split())
 
 
 def test_help_teaches_with_an_example_and_says_the_exit_codes(call: Call) -> None:

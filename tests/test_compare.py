@@ -213,12 +213,47 @@ def test_limits_are_kept_only_where_speed_acceleration_and_position_are() -> Non
 
 
 def test_an_arm_without_acceleration_limits_says_so_and_can_keep_its_limits() -> None:
-    short = load_scenario("conical_helix", "ur5", duration=0.1)
+    short = load_scenario("conical_helix", "ur5", duration=0.1, acceleration=math.inf)
     row = row_of(simulate(short, make_controller("dual_quaternion", short.insertion(), 1e-3)))
     assert math.isnan(row.acceleration_ratio_max)
+    assert math.isnan(row.jerk_ratio_max)
     assert row.limits_kept
-    assert "| no limit |" in as_markdown([row])
+    assert "| no limit | no limit |" in as_markdown([row])
     assert "no limit" not in as_markdown([Row("a", "b", "c", failure="no arm")])
+
+
+@pytest.mark.parametrize(
+    ("limits", "marks"),
+    [
+        ({}, ("acceleration", "jerk")),
+        ({"acceleration": 5.0}, ("jerk",)),
+        ({"acceleration": 5.0, "jerk": 90.0}, ()),
+    ],
+)
+def test_a_ratio_to_an_assumed_limit_is_marked(
+    limits: dict[str, float], marks: tuple[str, ...]
+) -> None:
+    short = load_scenario("conical_helix", "ur5", duration=0.05, **limits)  # type: ignore[arg-type]
+    row = row_of(simulate(short, make_controller("dual_quaternion", short.insertion(), 1e-3)))
+    assert row.assumed == " ".join(marks)
+    heads, _, cells = (line.split(" | ") for line in as_markdown([row]).splitlines())
+    for limit, head in (("acceleration", "acc. / limit"), ("jerk", "jerk / limit")):
+        text = f"{getattr(row, f'{limit}_ratio_max'):.4g}"
+        assert cells[heads.index(head)] == text + (" (assumed)" if limit in marks else "")
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_limits_on_the_command_line_are_every_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = ["--duration", "0.02", "--out", str(tmp_path), "-c", "dual_quaternion"]
+    limits = ["--acceleration", "5", "--jerk", "inf"]
+    with pytest.raises(SystemExit):
+        main(["compare", "-s", "circle", "-a", "ur5", "-a", "panda", *short, *limits, "--json"])
+    assert [row["assumed"] for row in json.loads(capsys.readouterr().out)] == ["", ""]
+    for run in map(Run.load, sorted(tmp_path.glob("*.h5"))):
+        assert set(run.acceleration_limit) == {5.0}
+        assert np.isposinf(run.jerk_limit).all()
 
 
 @pytest.mark.usefixtures("no_figures")

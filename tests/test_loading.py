@@ -219,7 +219,7 @@ NO_ARMS = {
     ),
     "velocity limit 0": (
         robot(SHOULDER, ELBOW.replace('velocity="1"', 'velocity="0"'), WRIST),
-        "joint 'elbow' has velocity limit 0.0; give it a positive one",
+        "joint 'elbow' has velocity limit 0.0; give it a positive, finite one",
     ),
     "no velocity limit": (
         robot(SHOULDER, ELBOW.replace(' velocity="1"', ""), WRIST),

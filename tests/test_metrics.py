@@ -11,6 +11,7 @@ from helpers import assert_allclose
 
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.dualquaternion import from_rotation
+from rcmqp.metrics import against_limit
 from rcmqp.scene import Sphere
 
 
@@ -30,6 +31,7 @@ def small() -> Run:
         upper=np.array([2.0, np.inf]),
         velocity_limit=np.array([0.5, 4.0]),
         acceleration_limit=np.array([2.0, np.inf]),
+        jerk_limit=np.array([5.0, np.inf]),
         time=np.array([0.0, 0.5, 1.0, 1.5]),
         q=np.zeros((4, 3)),
         q_measured=np.zeros((4, 3)),
@@ -78,6 +80,7 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         tilt_max_mrad=300.0,
         speed_ratio_max=0.8,  # joint one at -0.4 of 0.5, before joint two at -3 of 4
         acceleration_ratio_max=0.5,  # joint one by 0.5 in 0.5 s, of 2; joint two has no limit
+        jerk_ratio_max=0.8,  # joint one: 0.1 + 2 * 0.4 + 0.1 in 0.5 s squared, of 5
         saturated_share=0.0,
         limit_margin_min_rad=0.25,  # joint one at 1.75 of 2
         obstacle_distance_min_mm=math.inf,
@@ -111,6 +114,19 @@ def test_the_first_velocity_is_reached_from_rest(small: Run) -> None:
     v = np.full((4, 2), -0.45)
     found = compute_metrics(dataclasses.replace(small, v=v))
     assert_allclose(found.acceleration_ratio_max, 0.45 / 0.5 / 2.0)
+
+
+def test_the_first_jerk_is_from_rest(small: Run) -> None:
+    v = np.full((4, 2), -0.45)
+    found = compute_metrics(dataclasses.replace(small, v=v))
+    assert_allclose(found.jerk_ratio_max, 0.45 / 0.25 / 5.0)
+
+
+def test_without_limits_there_is_no_ratio_to_them(small: Run) -> None:
+    free = np.full(2, np.inf)
+    found = compute_metrics(dataclasses.replace(small, acceleration_limit=free, jerk_limit=free))
+    assert math.isnan(found.acceleration_ratio_max)
+    assert math.isnan(found.jerk_ratio_max)
 
 
 def test_a_cycle_is_saturated_with_a_joint_at_its_limit_of_speed_or_acceleration(
@@ -179,3 +195,10 @@ def test_metrics_do_not_depend_on_the_parts(
     found = compute_metrics(small)
     for field in dataclasses.fields(Metrics):
         assert_allclose(getattr(found, field.name), getattr(whole, field.name), rtol=1e-14)
+    assert found.jerk_ratio_max == whole.jerk_ratio_max
+
+
+def test_a_ratio_to_a_limit_says_whether_there_is_one_and_who_gave_it() -> None:
+    assert against_limit(0.5, ".2f") == "0.50"
+    assert against_limit(0.5, ".2f", assumed=True) == "0.50 (assumed)"
+    assert against_limit(math.nan) == against_limit(math.nan, assumed=True) == "no limit"

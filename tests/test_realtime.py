@@ -875,6 +875,35 @@ def test_braking_ends_where_the_trocar_would_not_let_it(
     assert len(found) <= 1 + 3 * np.max(v / (insertion.arm.acceleration * T))
 
 
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"jerk": [None] * 6}, "the acceleration limits of ur5 are only assumed: 6.3"),
+        ({"acceleration": 5.0}, "the jerk limits of ur5 are only assumed: 100"),
+        ({"acceleration": 5.0, "jerk": np.inf}, "the jerk limits of ur5 are infinite"),
+        ({"acceleration": np.inf, "jerk": 90.0}, "the acceleration limits of ur5 are infinite"),
+    ],
+)
+def test_an_arm_whose_limits_are_not_known_is_not_driven(
+    limits: dict[str, Any], message: str
+) -> None:
+    unknown = rcmqp.load_arm("ur5", **limits)
+    robot = Arm(rcmqp.Insertion.on_shaft(unknown, rcmqp.Instrument()), Clock())
+    remedy = r".* give those of the arm with load_arm\(\.\.\., acceleration=\.\.\., jerk=\.\.\.\)"
+    with pytest.raises(OptionError, match=message + remedy):
+        run(robot)
+    assert robot.read_at == robot.sent == []
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_an_arm_whose_limits_are_given_or_confirmed_is_driven(by_hand: bool) -> None:
+    given = rcmqp.load_arm("ur5", acceleration=5.0, jerk=90.0)
+    arm = given if by_hand else rcmqp.load_arm("ur5").confirmed()
+    robot = Arm(rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument()), Clock())
+    assert run(robot).stop.fault == ""
+    assert robot.sent
+
+
 def test_braking_is_at_once_where_no_acceleration_limit_is_known(
     insertion: rcmqp.Insertion, monkeypatch: pytest.MonkeyPatch
 ) -> None:

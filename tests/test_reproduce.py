@@ -17,7 +17,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import Run, make_controller, plots, simulate
 from rcmqp.metrics import compute_metrics
-from rcmqp.reproduce import ARMS, comparison_table, reproduce_a
+from rcmqp.reproduce import ARMS, comparison_table, reproduce_a, versus_table
 from rcmqp.scenario_loading import load_scenario
 
 
@@ -30,6 +30,19 @@ def runs() -> list[Run]:
         controller = make_controller("dual_quaternion", scenario.insertion(), 0.01)
         found.append(simulate(scenario, controller))
     return found
+
+
+def test_the_table_beside_another_controller_marks_what_is_assumed(runs: list[Run]) -> None:
+    lines = [line.strip("| ").split(" | ") for line in versus_table(runs).splitlines()]
+    found = {name: cells for name, *cells in lines[2:]}
+    lwa3, meka = (compute_metrics(run) for run in runs)
+    assert found["joint acceleration over its limit, max"] == [
+        f"{lwa3.acceleration_ratio_max:.2f}",
+        f"{meka.acceleration_ratio_max:.2f} (assumed)",
+    ]
+    assert found["joint jerk over its limit, max"] == [
+        f"{each.jerk_ratio_max:.2f} (assumed)" for each in (lwa3, meka)
+    ]
 
 
 def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from rcmqp.files import check_writable
 from rcmqp.paths import PATHS, Foreign
 from rcmqp.report.groups import groups_of
 from rcmqp.report.remake import remake_text
+from rcmqp.run_file import RunFile
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [
@@ -123,6 +124,23 @@ def test_an_earlier_file_is_replaced(run: Run, saved: Path) -> None:
     assert list(saved.parent.iterdir()) == [saved]
 
 
+def test_a_file_of_an_earlier_version_has_no_jerk_limits_and_assumes_nothing(
+    run: Run, saved: Path
+) -> None:
+    dataclasses.replace(run, jerk_limit=np.full_like(run.jerk_limit, np.inf), assumed=()).save(
+        saved
+    )
+    with h5py.File(saved, "r+") as file:
+        del file["jerk_limit"], file.attrs["assumed"]
+    found = Run.load(saved)
+    assert np.isposinf(found.jerk_limit).all()
+    assert found.assumed == ()
+    assert np.array_equal(found.v, run.v)
+    with RunFile(saved) as again:
+        assert again.digest == found.digest
+        assert math.isnan(compute_metrics(again).jerk_ratio_max)
+
+
 # Equality and digest -----------------------------------------------------------------------
 
 
@@ -147,9 +165,10 @@ def test_the_digest_changes_with_what_the_run_was_made_of(run: Run) -> None:
         {"joints": ("a", "b")},
         {"urdf_sha256": 64 * "0"},
         {"stops": {"no reason": [3]}},
+        {"assumed": ("acceleration",)},
     ]
     digests = {dataclasses.replace(run, **change).digest for change in changes}
-    assert len(digests | {run.digest}) == 7
+    assert len(digests | {run.digest}) == 8
     assert dataclasses.replace(run, versions={"python": "4"}).digest == run.digest
 
 

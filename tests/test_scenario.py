@@ -14,7 +14,18 @@ import numpy as np
 import pytest
 from helpers import assert_allclose, shaft_distance
 
-from rcmqp import RcmqpError, Scenario, arm_names, load_arm, load_scenario, scenario_names
+from rcmqp import (
+    Arm,
+    Insertion,
+    Instrument,
+    RcmqpError,
+    Scenario,
+    arm_names,
+    load_arm,
+    load_scenario,
+    scenario_names,
+)
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.camera_task import CameraTask
 from rcmqp.devices import HandMapping, Omega7
 from rcmqp.dualquaternion import P, quaternion_mul, to_se3
@@ -446,7 +457,7 @@ def test_a_text_that_is_no_scenario_is_refused_with_the_reason(text: str, reason
 def test_only_fields_with_a_default_may_be_missing(
     helix: Scenario, field: dataclasses.Field[Any]
 ) -> None:
-    data = json.loads(helix.to_json())
+    data = json.loads(dataclasses.replace(helix, limits=ArmLimits(jerk=9.0)).to_json())
     data.pop(field.name, None)  # a governor that is None is not written
     text = json.dumps(data)
     if field.default is field.default_factory is dataclasses.MISSING:
@@ -540,3 +551,69 @@ def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
     (tmp_path / "folder.json").mkdir()
     with pytest.raises(OptionError, match="cannot read"):
         load_scenario(str(tmp_path / "folder.json"))
+
+
+# Limits given by hand ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"acceleration": 8.0},
+        {"acceleration": math.inf, "jerk": {"elbow_joint": 90.0}},
+        {"velocity": 1.0, "position": (-3.0, 3.0)},
+    ],
+)
+def test_limits_set_by_hand_come_along_into_the_scenario_and_its_file(
+    limits: dict[str, Any],
+) -> None:
+    arm = load_arm("ur5", **limits)
+    scenario = Scenario.of("mine", Insertion.on_shaft(arm, Instrument()), Circle())
+    again = Scenario.from_json(scenario.to_json())
+    assert again == scenario
+    for made in (scenario.insertion().arm, again.insertion().arm):
+        for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
+            assert np.array_equal(getattr(made, name), getattr(arm, name)), name
+        assert made.assumed == arm.assumed
+    assert scenario.has_limits_of(arm)
+    assert not scenario.has_limits_of(load_arm("ur5"))
+    assert not dataclasses.replace(scenario, limits=None).has_limits_of(arm)
+
+
+def test_limits_that_were_confirmed_stay_so() -> None:
+    arm = load_arm("ur5").confirmed()
+    scenario = Scenario.of("mine", Insertion.on_shaft(arm, Instrument()), Circle())
+    assert scenario.insertion().arm.assumed == frozenset()
+    assert not scenario.has_limits_of(load_arm("ur5"))  # the same numbers, only assumed
+
+
+def test_an_arm_as_it_came_leaves_no_limits_in_the_scenario(arm: Arm) -> None:
+    scenario = Scenario.of("mine", Insertion.on_shaft(arm, Instrument()), Circle())
+    assert scenario.limits is None
+    assert "limits" not in json.loads(scenario.to_json())  # as in files of earlier versions
+    assert scenario.has_limits_of(arm)
+
+
+def test_scenarios_are_loaded_with_limits_of_ones_own(tmp_path: Path) -> None:
+    limits = ArmLimits(velocity=0.4, jerk=50.0)
+    scenario = Scenario.on_shaft("mine", "ur5", Circle(), limits=limits)
+    assert scenario.limits == limits
+    (tmp_path / "mine.json").write_text(scenario.to_json(), encoding="utf-8")
+    read = load_scenario(str(tmp_path / "mine.json"), acceleration=[5.0] * 6)
+    assert read.limits == ArmLimits(velocity=0.4, acceleration=(5.0,) * 6, jerk=50.0)
+    made = load_scenario("conical_helix", "ur5", acceleration=8, jerk=400).insertion().arm
+    assert made.acceleration.tolist() == [8.0] * 6
+    assert made.jerk.tolist() == [400.0] * 6
+    assert made.assumed == frozenset()
+
+
+def test_limits_that_do_not_fit_are_refused(helix: Scenario) -> None:
+    with pytest.raises(OptionError, match=r"limits = 8, they must be an ArmLimits, or None"):
+        dataclasses.replace(helix, limits=8)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match=r"has shape \(6,\), the arm has 7 joints"):
+        load_scenario("conical_helix", "lwa3", jerk=[1.0] * 6).insertion()
+    text = helix.to_json()[:-1] + ', "limits": {"jerk": -3}}'
+    with pytest.raises(OptionError, match=r"jerk = -3 rad/s\^3, it must be positive"):
+        Scenario.from_json(text)
+    with pytest.raises(OptionError, match=r"this is not a scenario: .*'snap'"):
+        Scenario.from_json(text.replace("jerk", "snap"))

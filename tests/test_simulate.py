@@ -85,7 +85,7 @@ def test_an_easy_scenario_runs_inside_limits_and_reruns_to_the_bit(
     scenario = load_scenario(name, arm, duration=0.1)
     run = ran(scenario, controller)
     for channel, values in numbers(run).items():
-        infinite_allowed = channel in ("lower", "upper", "acceleration_limit")
+        infinite_allowed = channel in ("lower", "upper")
         assert np.isfinite(values).all() or infinite_allowed, channel
     metrics = compute_metrics(run)
     assert metrics.speed_ratio_max <= 1.0
@@ -178,6 +178,8 @@ def test_a_run_says_what_it_was_made_with() -> None:
     assert np.array_equal(run.upper, insertion.arm.upper)
     assert np.array_equal(run.velocity_limit, insertion.arm.velocity)
     assert np.array_equal(run.acceleration_limit, insertion.arm.acceleration)
+    assert np.array_equal(run.jerk_limit, insertion.arm.jerk)
+    assert run.assumed == ("jerk",)
     assert run.versions["python"] == platform.python_version()
     assert run.versions["pin"] == version("pin")
     assert run.versions["rcmqp"] == rcmqp.__version__
@@ -406,6 +408,19 @@ def test_a_controller_for_another_insertion_is_refused(change: str) -> None:
     other = dataclasses.replace(scenario, **{change: others[change]})
     with pytest.raises(OptionError, match="another insertion"):
         simulate(other, controller)
+
+
+def test_a_controller_for_other_joint_limits_is_refused() -> None:
+    scenario = load_scenario("conical_helix", "ur5", duration=0.01, acceleration=5.0)
+    own = dataclasses.replace(scenario, limits=None)
+    made = {
+        each: make_controller("hierarchical_qp", each.insertion(), each.period)
+        for each in (scenario, own)
+    }
+    assert simulate(scenario, made[scenario]).acceleration_limit.tolist() == [5.0] * 6
+    for mine, other in ((scenario, own), (own, scenario)):
+        with pytest.raises(OptionError, match="arm has other joint limits than that of"):
+            simulate(mine, made[other])
 
 
 def test_a_controller_for_the_same_insertion_is_taken_wherever_continuous_joints_start() -> None:

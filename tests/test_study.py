@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 
 from rcmqp import Insertion, Instrument, Run, compute_metrics, load_arm, simulate
 from rcmqp.arm import ArmState
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.camera_task import CameraTask
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion, HierarchicalQP
@@ -184,6 +185,17 @@ def test_a_file_of_another_law_is_not_taken_for_ones_own(short: str, tmp_path: P
     file.rename(trial_file(tmp_path, own.trials()[0]))
     with pytest.raises(RunFileError, match="of another study"):
         perform(own, tmp_path)
+
+
+def test_a_study_takes_limits_for_its_arms_and_goes_on_only_with_the_same(
+    short: str, tmp_path: Path
+) -> None:
+    own = study(short, 1)
+    (trial,) = dataclasses.replace(own, limits=ArmLimits(acceleration=2.0, jerk=40.0)).trials()
+    made = trial.made().insertion().arm
+    assert (made.acceleration[0], made.jerk[0]) == (2.0, 40.0)
+    assert own.trials()[0].made().limits is None
+    assert trial.made().to_json() != own.trials()[0].made().to_json()  # which tells studies apart
 
 
 def test_arms_of_one_files_name_have_files_of_their_own(tmp_path: Path) -> None:

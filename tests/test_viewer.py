@@ -15,7 +15,15 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import Run, arm_names, load_arm, load_scenario, make_controller, simulate
+from rcmqp import (
+    Run,
+    arm_names,
+    compute_metrics,
+    load_arm,
+    load_scenario,
+    make_controller,
+    simulate,
+)
 from rcmqp.cli import main
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, ToolMissing, UnknownName, ViewError
@@ -25,7 +33,7 @@ from rcmqp.viewer import browser, capture, page
 from rcmqp.viewer.build import run_labels
 from rcmqp.viewer.scene import surroundings
 from rcmqp.viewer.shapes import arm_parts
-from rcmqp.viewer.table import versions_text
+from rcmqp.viewer.table import metrics_table, versions_text
 from rcmqp.viewer.timeline import BINS, envelope, frames, slip, stopped
 
 
@@ -40,6 +48,19 @@ def helix(
 @pytest.fixture(scope="module")
 def run() -> Run:
     return helix()
+
+
+def test_the_table_marks_limits_that_are_assumed_or_not_there(run: Run) -> None:
+    free = dataclasses.replace(run, jerk_limit=np.full(7, np.inf), assumed=())
+    lines = re.findall("<tr><td>(.*?)</td>(.*?)</tr>", metrics_table([run, free], "ab"))
+    rows = {name: re.findall("<td>(.*?)</td>", cells) for name, cells in lines}
+    ratio = compute_metrics(run).jerk_ratio_max
+    jerk = rows["joint jerk over its limit, max"]
+    assert jerk == [f"{ratio:.3g} (assumed)", "no limit"]
+    assert "assumed" not in "".join(rows["joint acceleration over its limit, max"])
+    names = list(rows)
+    at = names.index("joint speed over its limit, max")
+    assert [name.split()[1] for name in names[at : at + 3]] == ["speed", "acceleration", "jerk"]
 
 
 def test_a_peak_of_one_sample_stays_in_the_curve() -> None:

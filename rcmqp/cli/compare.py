@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rcmqp import console
 from rcmqp.cli.options import (
+    AccelerationOption,
     AsJson,
     FlangeOption,
     GovernorOption,
+    JerkOption,
     Jobs,
     governor_change,
+    limits_of,
     shared_options,
 )
 from rcmqp.console import out
@@ -43,6 +46,8 @@ def compare(
         "comparison"
     ),
     flange: FlangeOption = None,
+    acceleration: AccelerationOption = None,
+    jerk: JerkOption = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
@@ -69,7 +74,7 @@ def compare(
     """
     from rcmqp import compare as comparison  # joblib and matplotlib take long to import
 
-    changes = {"period": period, "duration": duration, "seed": seed}
+    changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     laws = [name.replace("-", "_") for name in controller or CONTROLLERS]
     urdfs = [name for name in arm or () if name not in arm_names()]
     for name in urdfs:
@@ -89,7 +94,8 @@ def compare(
         arm or [None],
         laws,
         {name: value for name, value in changes.items() if value is not None}
-        | governor_change(governor),
+        | governor_change(governor)
+        | limits_of(acceleration, jerk).given(),
         shared_options(laws, settings or []),
         flange,
     )

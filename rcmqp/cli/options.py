@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.governor import Governor
@@ -21,6 +22,22 @@ GovernorOption = Annotated[
     typer.Option(
         "--governor/--no-governor",
         help="Slow the path down where the tip falls behind, or not; the scenario's, without it.",
+    ),
+]
+AccelerationOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBER[,NUMBER...]",
+        help="Acceleration limits in rad/s^2 in place of the arm's own: one for all joints, or "
+        "one for each; inf for none.",
+    ),
+]
+JerkOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBER[,NUMBER...]",
+        help="Jerk limits in rad/s^3 in place of the arm's own: one for all joints, or one for "
+        "each; inf for none.",
     ),
 ]
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
@@ -68,6 +85,23 @@ def shared_options(laws: Sequence[str], settings: Sequence[str]) -> dict[str, di
         law: options_of(law, [text for text in settings if text.partition("=")[0] in options])
         for law, options in known.items()
     }
+
+
+def limits_of(acceleration: str | None, jerk: str | None) -> ArmLimits:
+    """The limits that were given, out of their texts."""
+    return ArmLimits(acceleration=_limit("acceleration", acceleration), jerk=_limit("jerk", jerk))
+
+
+def _limit(name: str, text: str | None) -> float | tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise OptionError(
+            f"--{name} {text}: give a number, such as 8, or one for each joint: 8,8,8,10,10,10"
+        ) from error
+    return values[0] if len(values) == 1 else values
 
 
 def _value(option: str, text: str, kind: type) -> Any:

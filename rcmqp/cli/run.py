@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rcmqp import console
-from rcmqp.cli.options import AsJson, FlangeOption, GovernorOption, governor_change, options_of
+from rcmqp.cli.options import (
+    AccelerationOption,
+    AsJson,
+    FlangeOption,
+    GovernorOption,
+    JerkOption,
+    governor_change,
+    limits_of,
+    options_of,
+)
 from rcmqp.controllers import make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
@@ -37,6 +46,8 @@ def run(
         Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
     ] = None,
     flange: FlangeOption = None,
+    acceleration: AccelerationOption = None,
+    jerk: JerkOption = None,
     period: Annotated[
         float | None,
         typer.Option(help="Sampling period T in s; the scenario's, 0.001, without it."),
@@ -68,7 +79,7 @@ def run(
 
       rcmqp run conical_helix --set feed_forward=true --set velocity_limit=scale --json
 
-      rcmqp run conical_helix --arm my_robot.urdf --flange tool0
+      rcmqp run conical_helix --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
 
       rcmqp run fast_helix --controller hierarchical_qp --governor
     """
@@ -79,9 +90,10 @@ def run(
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
         options["gain"] = gain
-    changes = {"period": period, "duration": duration, "seed": seed}
+    changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     given = {name: value for name, value in changes.items() if value is not None}
-    chosen = load_scenario(scenario, arm, flange=flange, **given, **governor_change(governor))
+    given |= governor_change(governor) | limits_of(acceleration, jerk).given()
+    chosen = load_scenario(scenario, arm, flange=flange, **given)
     made = make_controller(controller, chosen.insertion(), chosen.period, **options)
     if file is not None:
         check_replaceable(file)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rcmqp import console
-from rcmqp.cli.options import FlangeOption, Jobs
+from rcmqp.cli.options import AccelerationOption, FlangeOption, JerkOption, Jobs, limits_of
 from rcmqp.console import out
 from rcmqp.errors import OptionError
 
@@ -40,6 +40,8 @@ def study(
         typer.Option(help="T in s; 0.008 for dual_quaternion, 0.001 for others, without it."),
     ] = None,
     flange: FlangeOption = None,
+    acceleration: AccelerationOption = None,
+    jerk: JerkOption = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "study"
@@ -74,7 +76,9 @@ def study(
         for k in gains
     ]
     arms = tuple(arm or [""])
-    _perform(Study(scenario, operators, seed, arms, tuple(laws), flange), folder, jobs, as_json)
+    limits = limits_of(acceleration, jerk)
+    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits)
+    _perform(chosen, folder, jobs, as_json)
 
 
 def reproduce_b(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -> None:

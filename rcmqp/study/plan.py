@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rcmqp.arm_limits import ArmLimits
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.loading import arm_names
@@ -99,6 +100,7 @@ class Trial:
         arm: name or path of a URDF; empty for the scenario's own.
         law: the controller.
         flange: with a URDF, the frame that carries the instrument.
+        limits: of the joints, in place of the arm's own; None for those.
     """
 
     scenario: str
@@ -107,6 +109,7 @@ class Trial:
     arm: str
     law: Law
     flange: str | None = None
+    limits: ArmLimits | None = None
 
     @property
     def stem(self) -> str:
@@ -122,7 +125,7 @@ class Trial:
         """
         flange = None if self.arm in ("", *arm_names()) else self.flange
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
-        base = _base(self.scenario, self.arm, flange, self.law.period, files)
+        base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
         if not isinstance(base.path, CameraTrial):
             raise OptionError(
                 f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
@@ -153,6 +156,7 @@ class Study:
         arms: names, or paths of URDFs; an empty one is the scenario's own.
         laws: controllers.
         flange: for the arms that are URDFs.
+        limits: of the joints, in place of every arm's own; None for those.
     """
 
     scenario: str = "camera_task"
@@ -161,6 +165,7 @@ class Study:
     arms: tuple[str, ...] = ("",)
     laws: tuple[Law, ...] = (Law(),)
     flange: str | None = None
+    limits: ArmLimits | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -177,17 +182,26 @@ class Study:
     def trials(self) -> list[Trial]:
         """Every trial; all of a person's one after the other."""
         return [
-            Trial(self.scenario, i, self.seed, arm, law, self.flange)
+            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits)
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
 
 
 @functools.cache
 def _base(
-    scenario: str, arm: str, flange: str | None, period: float, files: tuple[Stamp, ...]
+    scenario: str,
+    arm: str,
+    flange: str | None,
+    period: float,
+    limits: ArmLimits | None,
+    files: tuple[Stamp, ...],
 ) -> Scenario:
     """The scenario without anybody in it; ``files`` is for the cache alone."""
-    return load_scenario(scenario, arm or None, flange=flange, period=period)
+    base = load_scenario(scenario, arm or None, flange=flange, period=period)
+    if limits is None:
+        return base
+    given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
+    return dataclasses.replace(base, limits=given)
 
 
 def _stamp(name: str) -> Stamp:

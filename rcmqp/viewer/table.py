@@ -9,6 +9,8 @@ from rcmqp.metrics import Metrics, against_limit, compute_metrics
 from rcmqp.palette import colour, dash
 from rcmqp.run import Run
 
+SPEED = "joint speed over its limit, max"
+
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.3g}"),
     ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.3g}"),
@@ -19,8 +21,7 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     ("RCM error, max [mm]", lambda m: f"{m.rcm_max_mm:.3g}"),
     ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
     ("depth of the tip [mm]", lambda m: f"{m.depth_min_mm:.1f} to {m.depth_max_mm:.1f}"),
-    ("joint speed over its limit, max", lambda m: f"{m.speed_ratio_max:.3f}"),
-    ("joint acceleration over its limit, max", lambda m: against_limit(m.acceleration_ratio_max)),
+    (SPEED, lambda m: f"{m.speed_ratio_max:.3f}"),
     ("margin to joint limits, least [rad]", lambda m: f"{m.limit_margin_min_rad:.3f}"),
     ("singular value, least", lambda m: f"{m.singular_value_min:.4f}"),
     ("tip speed asked for, rms [mm/s]", lambda m: f"{m.tip_speed_rms_mm_s:.1f}"),
@@ -28,10 +29,21 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
 )
 
 
+LIMITS = (
+    ("joint acceleration over its limit, max", "acceleration"),
+    ("joint jerk over its limit, max", "jerk"),
+)
+"""Rows whose limits may be assumed; they follow that of the speed."""
+
+
 def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
     """Metrics down, runs across; what rests on numbers that are missing is missing."""
     found = [compute_metrics(run) for run in runs]
-    rows = [(name, [text(metrics) for metrics in found]) for name, text in ROWS]
+    rows = []
+    for name, text in ROWS:
+        rows.append((name, [text(metrics) for metrics in found]))
+        if name == SPEED:
+            rows += [(title, _against(limit, runs, found)) for title, limit in LIMITS]
     stops = [sum(map(len, run.stops.values())) for run in runs]
     rows.append(("cycles in the safe stop", [str(count) for count in stops]))
     heads = "".join(
@@ -44,6 +56,14 @@ def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
         for name, texts in rows
     )
     return f"<table><thead><tr><th></th>{heads}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def _against(limit: str, runs: Sequence[Run], found: Sequence[Metrics]) -> list[str]:
+    """Each run's largest acceleration or jerk over its limit, and whether that is assumed."""
+    return [
+        against_limit(getattr(metrics, f"{limit}_ratio_max"), assumed=limit in run.assumed)
+        for run, metrics in zip(runs, found, strict=True)
+    ]
 
 
 def _cell(text: str) -> str:
