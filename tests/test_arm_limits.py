@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from helpers import assert_allclose, robot_toml
 
-from rcmqp import Arm, arm_names, load_arm
+from rcmqp import Arm, arm_names, load_arm, load_scenario, make_controller, simulate
 from rcmqp.arm_limits import ArmLimits, SpeedNearLimits
+from rcmqp.braking import braking
 from rcmqp.errors import ArmError, OptionError, RcmqpError
 
 ELBOW, WRIST = "elbow_joint", "wrist_1_joint"
@@ -98,6 +99,23 @@ def test_what_a_urdf_leaves_out_is_assumed_joint_by_joint(tmp_path: Path) -> Non
     assert arm.acceleration.tolist() == [8.0, 4.0, 4.0]
     assert_allclose(arm.jerk, [160.0, 80.0, 7.0], rtol=1e-15)
     assert arm.assumed == {"acceleration", "jerk"}
+
+
+def test_limits_of_a_urdf_are_kept_in_a_run_and_in_a_stop(tmp_path: Path) -> None:
+    lwa3 = load_arm("lwa3").urdf
+    assert lwa3 is not None
+    text = lwa3.read_text(encoding="utf-8").replace("<robot ", '<robot version="1.2" ')
+    file = tmp_path / "lwa3.urdf"
+    file.write_text(text.replace("velocity=", 'acceleration="1.5" deceleration="1.5" velocity='))
+    scenario = load_scenario("fast_helix", str(file), flange="flange", duration=0.4)
+    insertion = scenario.insertion()
+    assert insertion.arm.acceleration.tolist() == [1.5] * 7
+    run = simulate(scenario, make_controller("hierarchical_qp", insertion, scenario.period))
+    steps = np.diff(run.v, axis=0, prepend=0.0 * run.v[:1])
+    assert np.abs(steps).max() / scenario.period == pytest.approx(1.5, rel=1e-6)
+    pivot = np.array(insertion.trocar.pivot)
+    stop = list(braking(insertion, insertion.angles_start, np.full(7, 0.3), 1e-3, pivot))
+    assert len(stop) >= 200  # 0.3 rad/s at 1.5 rad/s^2
 
 
 @pytest.mark.parametrize("key", ["acceleration", "deceleration", "jerk"])
@@ -189,6 +207,8 @@ def test_no_limit_has_to_be_asked_for(arm: Arm) -> None:
         ({"jerk": {"elbow": 1.0}}, r"unknown joint 'elbow'; did you mean elbow_joint\?"),
         ({"velocity": math.inf}, r"velocity = inf rad/s, it must be finite"),
         ({"velocity": "fast"}, r"velocity = 'fast', it must be a number"),
+        ({"velocity": "8"}, r"velocity = '8', it must be a number"),
+        ({"jerk": True}, r"jerk = True, it must be a number"),
         ({"position": {WRIST: (1.0, 1.0)}}, r"position of wrist_1_joint = \(1\.0, 1\.0\), the fi"),
         ({"position": {WRIST: 1.0}}, r"position of wrist_1_joint = 1\.0, it must be a lower and"),
         ({"position": 3.0}, r"position = 3\.0, it must be a lower and an upper limit"),

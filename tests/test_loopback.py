@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rcmqp import Insertion
+from rcmqp import Insertion, load_arm
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.latency import EDGES, Latency
@@ -30,6 +30,11 @@ V = np.full(7, 0.1)
 @pytest.fixture(scope="module")
 def insertion() -> Insertion:
     return insertion_of("panda")
+
+
+def test_the_simulated_arm_has_what_is_assumed_of_the_real_one_for_its_limits() -> None:
+    assert load_arm("ur5").assumed
+    insertion_of("ur5").arm.check_limits_known()
 
 
 def test_packets_are_read_as_they_were_written() -> None:
