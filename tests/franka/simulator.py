@@ -21,8 +21,8 @@ from pathlib import Path
 PACKAGES = ("franka-sim==1.1.7", "franky-sim==1.0.4")
 """From PyPI; of the second only the model is used, so it comes without what it depends on."""
 
-FOLDER = Path(os.environ.get("RCMQP_FRANKA_ENV", Path(__file__).parents[2] / ".venv-franka"))
-"""Where the environment is kept: .venv-franka, or what RCMQP_FRANKA_ENV says."""
+FOLDER = Path(os.environ.get("RCMQP_FRANKA_ENV", Path(__file__).parents[2])) / ".venv-franka"
+"""Where the environment is kept: in the checkout, or in the folder that RCMQP_FRANKA_ENV names."""
 
 PORT = 1337
 """Of Franka's interface: the client knows no other."""
