@@ -25,6 +25,7 @@ CIRCLE: int
 LISSAJOUS: int
 TASK_NUMBERS: int
 LIMIT_NUMBERS: int
+JOINT_NUMBERS: int
 
 def solve(
     A: Array,
@@ -60,8 +61,12 @@ def step(
     guess: Array,
     backend: Backend | None,
     names: tuple[str, ...],
+    a: Array,
     /,
 ) -> tuple[Array, Array, dict[str, float]]: ...
+def joint_bounds(
+    line: Array, joints: Array, angles: Array, v: Array, a: Array, /
+) -> tuple[Array, Array]: ...
 def usable(
     J_local: Array,
     q: Array,

@@ -176,6 +176,7 @@ class HierarchicalQP(Controller):
             hierarchy.guess(program.shape),
             hierarchy.asks,
             self._numbers,
+            state.a,
         )
         answer = _kernel.record(Answer, numbers, program.ends, program.n, program.rows)
         asked = hierarchy.verdicts()

@@ -13,6 +13,7 @@ from rcmqp import _kernel
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
 from rcmqp.limits import JointLimits, Limit
+from rcmqp.limits.joints import joint_table
 from rcmqp.tasks import Task, Together
 
 LevelOfTasks: TypeAlias = Task | Together
@@ -29,7 +30,7 @@ class Program:
         vectors: (tasks, 2, nv) parameters that are one number a joint.
         ends: (levels + 1,) where each level's rows end; the last is the rest.
         limits: (limits, LIMIT_NUMBERS) kind, parameters.
-        joints: (4, nv) lower and upper position, velocity, acceleration limits.
+        joints: (JOINT_NUMBERS, nv) see limits.joints.joint_table().
         rows: how many hard rows there are.
         names: of the joints, then of the rows.
     """
@@ -72,7 +73,7 @@ class Program:
         if None in lines or any(other.joints != arm.joints for other in arms):
             return None
         its = arms[0] if arms else arm
-        if any(not np.array_equal(_joints(other), _joints(its)) for other in arms):
+        if any(not np.array_equal(joint_table(other), joint_table(its)) for other in arms):
             return None
         table = np.zeros((len(lines), _kernel.LIMIT_NUMBERS))
         for row, line in zip(table, lines, strict=True):
@@ -86,7 +87,7 @@ class Program:
             np.array(vectors, dtype=float).reshape(len(tasks), 2, nv),
             np.array([*ends, size], dtype=np.int64),
             table,
-            _joints(its),
+            joint_table(its),
             len(names),
             (*arm.joints, *names),
         )
@@ -99,7 +100,3 @@ _ROWS = {_kernel.RCM: 2, _kernel.TIP: 3, _kernel.ROLL: 1, _kernel.POSE: 8}
 def _own(item: Task | Limit) -> bool:
     """Whether program() is of the item's own class: a derived class may change anything."""
     return "program" in vars(type(item))
-
-
-def _joints(arm: Arm) -> Array:
-    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration])

@@ -230,11 +230,11 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
 }
 
 /* step(tasks, vectors, ends, limits, joints, guarded, max_rounds, x, J_local, angles, v, x_d,
- *      x_d_dot, pivot, pivot_dot, guess, backend, names) */
+ *      x_d_dot, pivot, pivot_dot, guess, backend, names, a) */
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("step", count, 18)) return NULL;
+    if (!counted("step", count, 19)) return NULL;
     if (!PyTuple_Check(args[17]) || PyTuple_GET_SIZE(args[17]) != size_of(args[2]) + 3) {
         PyErr_SetString(PyExc_ValueError,
                         "names must be a tuple, three more than there are levels");
@@ -258,7 +258,8 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
         .x_d_dot = numbers_of(args[12], NPY_DOUBLE, 8, "x_d_dot"),
         .pivot = numbers_of(args[13], NPY_DOUBLE, 3, "pivot"),
         .pivot_dot = numbers_of(args[14], NPY_DOUBLE, 3, "pivot_dot"),
-        .joints = numbers_of(args[4], NPY_DOUBLE, 4 * n, "joints"),
+        .a = numbers_of(args[18], NPY_DOUBLE, n, "a"),
+        .joints = numbers_of(args[4], NPY_DOUBLE, JOINT_NUMBERS * n, "joints"),
     };
     hierarchy->n = (int)n, hierarchy->levels = (int)size_of(args[2]);
     hierarchy->ends = numbers_of(args[2], NPY_INT64, -1, "ends");

@@ -23,6 +23,7 @@ PyObject *store(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_poses(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *joint_bounds(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 Arena *scratch(size_t count)
 {
@@ -63,6 +64,7 @@ static PyMethodDef methods[] = {
     METHOD(views, "What a path that the tip draws asks for at many instants."),
     METHOD(view_poses, "The references of many views, equation (5)."),
     METHOD(observed, "What a record says of many poses."),
+    METHOD(joint_bounds, "The box of JointLimits; see _kernel.pyi."),
     {NULL, NULL, 0, NULL},
 };
 
@@ -89,6 +91,7 @@ PyMODINIT_FUNC PyInit__kernel(void)
         {"TROCAR_CONE", TROCAR_CONE}, {"TROCAR_DEPTH", TROCAR_DEPTH}, {"KEEP_OUT", KEEP_OUT},
         {"HELIX", HELIX}, {"CIRCLE", CIRCLE}, {"LISSAJOUS", LISSAJOUS},
         {"TASK_NUMBERS", TASK_NUMBERS}, {"LIMIT_NUMBERS", LIMIT_NUMBERS},
+        {"JOINT_NUMBERS", JOINT_NUMBERS},
     };
     import_array();
     PyObject *made = PyModule_Create(&module);
