@@ -25,6 +25,7 @@ CIRCLE: int
 LISSAJOUS: int
 TASK_NUMBERS: int
 LIMIT_NUMBERS: int
+JOINT_NUMBERS: int
 
 def solve(
     A: Array,
@@ -77,6 +78,9 @@ def braked_share(
     braking: Array,
     /,
 ) -> float: ...
+def joint_bounds(
+    line: Array, joints: Array, angles: Array, v: Array, a: Array, /
+) -> tuple[Array, Array]: ...
 def usable(
     J_local: Array,
     q: Array,

@@ -15,7 +15,7 @@ from rcmqp import dualquaternion as dq
 from rcmqp import load_arm
 from rcmqp.arm import Arm, ArmState
 from rcmqp.dualquaternion import Array
-from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.errors import RcmqpError
 from rcmqp.insertion import Insertion
 from rcmqp.instrument import Instrument, Trocar
 from rcmqp.limits import (
@@ -23,14 +23,12 @@ from rcmqp.limits import (
     Constraint,
     Damper,
     EntrySphere,
-    JointLimits,
     KeepIn,
     KeepOut,
     Limit,
     SphereLimit,
     TrocarCone,
     TrocarDepth,
-    braking_speed,
     combine,
     make_limit,
 )
@@ -62,176 +60,6 @@ def gantry() -> Insertion:
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
     model.velocityLimit[:] = 1.0
     return Insertion.on_shaft(Arm(model, "flange", name="gantry"), SCOPE)
-
-
-# The joints --------------------------------------------------------------------------------
-
-
-def braking_distance(v: float, a: float, period: float) -> float:
-    """Cycle by cycle: how far a joint goes that moves at v once more and then brakes."""
-    distance = 0.0
-    while v > 0.0:
-        distance += v * period
-        v -= a * period
-    return distance
-
-
-@pytest.mark.parametrize("period", [1e-4, 1e-3, 8e-3, 0.1, 1.0])
-def test_braking_speed_uses_up_the_distance_to_the_last_bit(period: float) -> None:
-    rng = np.random.default_rng(7)
-    a = rng.uniform(0.5, 20.0, 40)
-    d = 10.0 ** rng.uniform(-12, 0.5, 40)
-    d[:8] = a[:8] * period**2 * np.arange(8) * np.arange(1, 9) / 2  # the knees
-    v = braking_speed(d, a, period)
-    used = [braking_distance(*pair, period) for pair in zip(v, a, strict=True)]
-    assert_allclose(used, d, rtol=1e-11, atol=1e-15)
-    assert_allclose(braking_speed(-d, a, period), -v, rtol=0, atol=0)
-
-
-def test_braking_speed_without_limits_and_with_short_cycles() -> None:
-    assert_allclose(braking_speed([0.3, -0.3, 0.0], np.inf, 0.1), [3.0, -3.0, 0.0], rtol=1e-15)
-    assert np.isposinf(braking_speed([np.inf] * 2, [2.0, np.inf], 0.1)).all()
-    assert braking_speed(0.5, 3.0, 1e-7) == pytest.approx(math.sqrt(3.0), rel=1e-6)
-
-
-def bench(rng: np.random.Generator, n: int = 60) -> Arm:
-    """Many joints with limits of all sorts: a third without position or acceleration limits."""
-    model, parent = pin.Model(), 0
-    for i in range(n):
-        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), f"joint_{i}")
-    model.addFrame(pin.Frame("flange", parent, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    middle, half = rng.uniform(-2, 2, n), 10.0 ** rng.uniform(-2.0, 0.5, n)
-    half[::6] = np.inf
-    model.lowerPositionLimit[:], model.upperPositionLimit[:] = middle - half, middle + half
-    model.velocityLimit[:] = 10.0 ** rng.uniform(-1.0, 1.0, n)
-    acceleration = 10.0 ** rng.uniform(-0.5, 2.0, n)
-    acceleration[1::6] = np.inf
-    home = np.zeros(n)
-    return Arm(model, "flange", name="bench", acceleration=acceleration, home=home)
-
-
-def joint_state(angles: Array, v: Array) -> ArmState:
-    nowhere = pin.SE3.Identity()
-    return ArmState(
-        angles, angles, nowhere, dq.IDENTITY, np.zeros((6, angles.size)), v, np.zeros_like(v)
-    )
-
-
-def push(rng: np.random.Generator, k: int, box: Constraint) -> Array:
-    """A velocity in the box: always up, always down, to and fro, at random, or at its ends."""
-    n = box.lower.size
-    share = np.empty(n)
-    share[0::5], share[1::5] = 1.0, 0.0
-    share[2::5] = float((k // 400) % 2)
-    share[3::5] = rng.uniform(size=share[3::5].size)
-    share[4::5] = rng.integers(0, 2, share[4::5].size)
-    v = (1.0 - share) * box.lower + share * box.upper
-    return np.clip(v, box.lower, box.upper)
-
-
-@pytest.mark.parametrize(
-    ("period", "margin"), [(1e-4, 0.0), (1e-3, 0.004), (8e-3, 0.0), (0.1, 0.004), (1.0, 0.0)]
-)
-def test_whatever_is_commanded_in_the_box_no_joint_limit_is_ever_broken(
-    period: float, margin: float
-) -> None:
-    rng = np.random.default_rng(7)
-    arm = bench(rng)
-    limit = JointLimits(arm, period, margin)
-    lower, upper = arm.lower + margin, arm.upper - margin
-    q = np.where(np.isinf(upper), rng.normal(size=arm.nv), 0.0)
-    inside = np.isfinite(upper)
-    q[inside] = rng.uniform(lower[inside], upper[inside])
-    soft = limit.braking * arm.acceleration
-    fastest = np.minimum(arm.velocity, braking_speed(upper - q, soft, period))
-    slowest = np.minimum(arm.velocity, braking_speed(q - lower, soft, period))
-    v = rng.uniform(-slowest, fastest)  # could have been the last command, an instant ago
-    q = q + period * v
-    least_room, most_dv, most_v = np.full(arm.nv, np.inf), np.zeros(arm.nv), np.zeros(arm.nv)
-    for k in range(3000):
-        box = limit.evaluate(joint_state(q, v), reference(STILL))
-        assert (box.lower <= box.upper).all()
-        v_next = push(rng, k, box)
-        dv = np.abs(v_next - v)
-        assert (np.abs(v_next) <= arm.velocity).all()
-        assert (dv <= arm.acceleration * period + 1e-12).all()
-        v, q = v_next, q + period * v_next
-        room = np.minimum(q - lower, upper - q)
-        assert (room >= -1e-12).all()
-        least_room, most_v = np.minimum(least_room, room), np.maximum(most_v, np.abs(v))
-        most_dv = np.maximum(most_dv, dv)
-    if period == 0.1:  # the limits were met, not kept at a distance
-        assert (least_room[inside][[i % 5 < 2 for i in np.flatnonzero(inside)]] < 1e-9).all()
-        assert np.count_nonzero(most_v > 0.999 * arm.velocity) >= 20
-        assert np.count_nonzero(most_dv > 0.999 * arm.acceleration * period) >= 25
-
-
-@pytest.mark.parametrize("period", [1e-3, 1e-2, 0.1])
-def test_a_joint_beyond_its_limits_or_too_fast_comes_back(period: float) -> None:
-    rng = np.random.default_rng(7)
-    arm = bench(rng)
-    limit = JointLimits(arm, period)
-    finite = np.isfinite(arm.upper)
-    half = np.where(finite, arm.upper, 1.0) - np.where(finite, arm.lower, -1.0)
-    middle, half = np.where(finite, arm.upper - half / 2, 0.0), half / 2
-    beyond = rng.choice([-1.0, 1.0], arm.nv) * (half + rng.uniform(0.0, 0.5, arm.nv))
-    q, v = middle + beyond, rng.uniform(-3.0, 3.0, arm.nv) * arm.velocity
-    outside_for = np.zeros(arm.nv)
-    for k in range(min(4000, int(60.0 / period))):
-        box = limit.evaluate(joint_state(q, v), reference(STILL))
-        assert np.isfinite(box.lower).all()
-        assert (box.lower <= box.upper).all()
-        v_next = push(rng, k, box)
-        assert (np.abs(v_next) <= arm.velocity).all()
-        held = np.abs(v) <= arm.velocity  # from too fast, speed comes before acceleration
-        assert (np.abs(v_next - v)[held] <= (arm.acceleration * period + 1e-12)[held]).all()
-        v, q = v_next, q + period * v_next
-        outside_for += period * (np.minimum(q - arm.lower, arm.upper - q) < -1e-12)
-    # braking from the top speed, accelerating back, cruising and stopping, all with a cycle more
-    to_stop = arm.velocity / arm.acceleration + period
-    overshot = 0.5 + arm.velocity * to_stop
-    back = np.sqrt(overshot / (limit.braking * arm.acceleration))
-    allowed = 3 * to_stop + 2 * back + overshot / arm.velocity
-    in_time = period * (k + 1) > allowed
-    assert in_time.sum() >= 20
-    assert (outside_for <= allowed)[in_time].all()
-    assert (np.minimum(q - arm.lower, arm.upper - q)[in_time] >= -1e-12).all()
-
-
-def test_the_precedence_is_speed_then_acceleration_then_position() -> None:
-    arm = load_arm("panda")
-    limit, now = JointLimits(arm, 1e-3), reference(STILL)
-    q = arm.home
-    fast = limit.evaluate(joint_state(q, 2.0 * arm.velocity), now)
-    assert_allclose(fast.lower, arm.velocity, rtol=0, atol=0)
-    assert_allclose(fast.upper, arm.velocity, rtol=0, atol=0)
-    late = limit.evaluate(joint_state(arm.upper - 1e-4, arm.velocity), now)
-    assert_allclose(late.upper, arm.velocity - 1e-3 * arm.acceleration, rtol=0, atol=1e-15)
-    assert_allclose(late.lower, late.upper, rtol=0, atol=0)
-    free = JointLimits(arm, 1e-3, acceleration=False)
-    assert_allclose(free.evaluate(joint_state(arm.upper - 1e-4, q), now).upper, 0.1, rtol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("change", "options", "message"),
-    [
-        ({}, {"period": 0.0}, r"period = 0.0 s; it must be positive"),
-        ({}, {"braking": 0.0}, r"braking = 0.0, it must be above 0 and at most 1"),
-        ({}, {"margin": -0.1}, r"margin = -0.1 rad, it must be 0 or more"),
-        ({}, {"margin": 5.0}, r"panda_joint1 has position limits .*margin of 5 rad leaves empty"),
-        ({"lower": 3.0, "upper": -3.0}, {}, r"panda_joint1 .* \[3, -3\] rad, which a margin of 0"),
-        ({"velocity": 0.0}, {}, r"panda_joint1 has velocity limit 0; it must be positive"),
-        ({"acceleration": np.nan}, {}, r"panda_joint1 has acceleration limit nan; it must be"),
-    ],
-)
-def test_joint_limits_that_cannot_be_are_refused(
-    change: dict[str, float], options: dict[str, Any], message: str
-) -> None:
-    arm = load_arm("panda").with_effector(pin.SE3.Identity())
-    for name, value in change.items():
-        setattr(arm, name, np.full(arm.nv, value))
-    with pytest.raises(OptionError, match=message):
-        JointLimits(arm, **({"period": 1e-3} | options))
 
 
 # Dampers: what each keeps positive, measured in the world ----------------------------------

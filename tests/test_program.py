@@ -128,6 +128,22 @@ def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str)
     assert held >= HELD.get(cut, set())
 
 
+def test_jerk_counts_from_the_acceleration_of_the_state_in_compiled_code_too() -> None:
+    insertion, rng = load_scenario("conical_helix", "panda").insertion(), np.random.default_rng(7)
+    insertion.arm.jerk = np.full(insertion.arm.nv, 5000.0)
+    fused, plain = (HierarchicalQP(insertion, T, backend="active_set") for _ in range(2))
+    object.__setattr__(plain, "_program", None)
+    for _ in range(10):
+        state, reference = drawn(insertion, rng)
+        a = rng.uniform(-1.0, 1.0, 7) * insertion.arm.acceleration
+        state = insertion.state(state.q, state.v, a)
+        found, expected = fused.step(state, reference), plain.step(state, reference)
+        assert_allclose(found.v, expected.v, rtol=0, atol=1e-10)
+        change = (found.v - state.v) / T - a
+        assert (np.abs(change) <= 5000.0 * T * (1 + 1e-9)).all()
+        assert np.abs(change).max() > 0.999 * 5000.0 * T
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_joint_inside_its_margin_is_driven_out_alike(side: float) -> None:
     free = load_scenario("conical_helix", "panda").insertion()

@@ -13,6 +13,7 @@ from rcmqp import _kernel
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
 from rcmqp.limits import JointLimits, Limit
+from rcmqp.limits.joints import joint_table
 from rcmqp.tasks import Task, Together
 
 LevelOfTasks: TypeAlias = Task | Together
@@ -30,7 +31,7 @@ class Program:
         ends: (levels + 1,) where each level's rows end; the last is the rest.
         damping: (levels + 1,) of each level; the rest's is zero.
         limits: (limits, LIMIT_NUMBERS) kind, parameters.
-        joints: (5, nv) lower and upper position, velocity, acceleration, jerk limits.
+        joints: (JOINT_NUMBERS, nv) see limits.joints.joint_table().
         rows: how many hard rows there are.
         names: of the joints, then of the rows.
     """
@@ -74,7 +75,7 @@ class Program:
         if None in lines or any(other.joints != arm.joints for other in arms):
             return None
         its = arms[0] if arms else arm
-        if any(not np.array_equal(_joints(other), _joints(its)) for other in arms):
+        if any(not np.array_equal(joint_table(other), joint_table(its)) for other in arms):
             return None
         table = np.zeros((len(lines), _kernel.LIMIT_NUMBERS))
         for row, line in zip(table, lines, strict=True):
@@ -89,7 +90,7 @@ class Program:
             np.array([*ends, size], dtype=np.int64),
             np.array([*(level.speed_damping for level in levels), 0.0]),
             table,
-            _joints(its),
+            joint_table(its),
             len(names),
             (*arm.joints, *names),
         )
@@ -102,7 +103,3 @@ _ROWS = {_kernel.RCM: 2, _kernel.TIP: 3, _kernel.ROLL: 1, _kernel.POSE: 8}
 def _own(item: Task | Limit) -> bool:
     """Whether program() is of the item's own class: a derived class may change anything."""
     return "program" in vars(type(item))
-
-
-def _joints(arm: Arm) -> Array:
-    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.jerk])

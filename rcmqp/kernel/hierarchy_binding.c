@@ -298,7 +298,7 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
         .x_d_dot = numbers_of(args[15], NPY_DOUBLE, 8, "x_d_dot"),
         .pivot = numbers_of(args[16], NPY_DOUBLE, 3, "pivot"),
         .pivot_dot = numbers_of(args[17], NPY_DOUBLE, 3, "pivot_dot"),
-        .joints = numbers_of(args[5], NPY_DOUBLE, 5 * n, "joints"),
+        .joints = numbers_of(args[5], NPY_DOUBLE, JOINT_NUMBERS * n, "joints"),
     };
     hierarchy->n = (int)n, hierarchy->levels = (int)size_of(args[2]);
     hierarchy->ends = numbers_of(args[2], NPY_INT64, -1, "ends");

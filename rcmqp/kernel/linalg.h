@@ -44,6 +44,11 @@ static inline double larger(double a, double b) { return a > b ? a : b; }
 
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 
+static inline double clipped(double value, double low, double up)
+{
+    return value < low ? low : value > up ? up : value;
+}
+
 int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order);
 
 int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,

@@ -25,6 +25,7 @@ PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_poses(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *contour(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *joint_bounds(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 Arena *scratch(size_t count)
 {
@@ -68,6 +69,7 @@ static PyMethodDef methods[] = {
     METHOD(view_poses, "The references of many views, equation (5)."),
     METHOD(observed, "What a record says of many poses."),
     METHOD(contour, "How far points are from a curve, and how far along it."),
+    METHOD(joint_bounds, "The box of JointLimits; see _kernel.pyi."),
     {NULL, NULL, 0, NULL},
 };
 
@@ -94,6 +96,7 @@ PyMODINIT_FUNC PyInit__kernel(void)
         {"TROCAR_CONE", TROCAR_CONE}, {"TROCAR_DEPTH", TROCAR_DEPTH}, {"KEEP_OUT", KEEP_OUT},
         {"HELIX", HELIX}, {"CIRCLE", CIRCLE}, {"LISSAJOUS", LISSAJOUS},
         {"TASK_NUMBERS", TASK_NUMBERS}, {"LIMIT_NUMBERS", LIMIT_NUMBERS},
+        {"JOINT_NUMBERS", JOINT_NUMBERS},
     };
     import_array();
     PyObject *made = PyModule_Create(&module);

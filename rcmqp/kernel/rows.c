@@ -3,6 +3,7 @@
 #include "dualquaternion.h"
 #include "pose.h"
 #include "quaternion.h"
+#include "stopping.h"
 
 #include <math.h>
 #include <string.h>
@@ -11,6 +12,9 @@
 #define OPPOSITE 1e-12
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
+
+/* limits/joints.py: NEAR_SHARE */
+#define NEAR_SHARE 0.8
 
 #define PI 3.14159265358979323846
 
@@ -302,41 +306,34 @@ static double pace(double gain, double A, double s)
     return copysign(sqrt(2.0 * A * size - A / gain * (A / gain)), s);
 }
 
-/* limits/joints.py: braking_speed() */
-static double braking_speed(double distance, double a, double T)
+/* The room that speed limits near a position limit take of it; limits/joints.py: _kept() */
+static double kept(double offset, double k, double deceleration, double T)
 {
-    const double d = fabs(distance), step = a * T;
-    double m = floor((sqrt(1.0 + 8.0 * d / (step * T)) - 1.0) / 2.0);
-    if (!(m < INFINITY)) m = 0.0;
-    return copysign(d / ((m + 1.0) * T) + (m > 0.0 ? m * step / 2.0 : 0.0), distance);
+    if (!(k < INFINITY)) return 0.0;
+    const double slope = offset / k + 0.5 * T;
+    return offset * offset / (2.0 * k)
+           + slope * slope * deceleration * k / (2.0 * (k - deceleration));
 }
 
-static double clipped(double value, double low, double up)
-{
-    return value < low ? low : value > up ? up : value;
-}
-
-/* limits/base.py: intersect() */
-static void intersect(double *low, double *up, double next_low, double next_up)
-{
-    const double l = clipped(next_low, *low, *up), u = clipped(next_up, *low, *up);
-    *low = l, *up = u;
-}
-
-/* limits/joints.py: JointLimits; line: kind, period, margin, acceleration, braking */
+/* limits/joints.py: JointLimits; line: kind, period, margin, acceleration, braking, easing */
 static void joint_box(const Cycle *cycle, const double *line, double *lower, double *upper)
 {
     const int n = cycle->n, accelerate = line[3] != 0.0;
     const double T = line[1], margin = line[2];
     for (int i = 0; i < n; ++i) {
-        const double *limit = cycle->joints + i, speed = limit[2 * n];
-        const double a = accelerate ? limit[3 * n] : INFINITY;
-        double low = -speed, up = speed;
-        if (accelerate) intersect(&low, &up, cycle->v[i] - T * a, cycle->v[i] + T * a);
-        const double soft = line[4] * a;
-        intersect(&low, &up, -braking_speed(cycle->angles[i] - (limit[0] + margin), soft, T),
-                  braking_speed(limit[n] - margin - cycle->angles[i], soft, T));
-        intersect(lower + i, upper + i, low, up);
+        const double *limit = cycle->joints + i, q = cycle->angles[i];
+        const double A = accelerate ? limit[3 * n] : INFINITY, k = limit[6 * n];
+        const double j = accelerate ? limit[4 * n] : INFINITY;
+        const double soft = smaller(line[4] * A, NEAR_SHARE * k);
+        const double near = kept(limit[5 * n], k, soft, T);
+        const Joint joint = {T, limit[2 * n], A, j, soft, line[5] * j};
+        const double below = q - larger(limit[0] + margin, limit[7 * n] + near);
+        const double above = smaller(limit[n] - margin, limit[8 * n] - near) - q;
+        double low, up;
+        joint_interval(&joint, cycle->v[i], cycle->a[i], below == below ? below : INFINITY,
+                       above == above ? above : INFINITY, &low, &up);
+        low = clipped(low, lower[i], upper[i]), up = clipped(up, lower[i], upper[i]);
+        lower[i] = low, upper[i] = up;
     }
 }
 

@@ -1,8 +1,8 @@
-"""Position, speed and acceleration of the joints, in one box."""
+"""Position, speed, acceleration and jerk of the joints, in one box."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -12,38 +12,77 @@ from rcmqp import _kernel
 from rcmqp.arm import Arm, ArmState
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.limits.base import Constraint, Limit, intersect
+from rcmqp.limits.base import Constraint, Limit
 from rcmqp.reference import Reference
 from rcmqp.tasks.base import check_positive
+
+NEAR_SHARE = 0.8
+"""Share of the deceleration behind a speed limit near a position limit that braking counts on."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits(Limit):
     """Keep each joint inside its limits, now and in every cycle to come.
 
-    The velocity v of a cycle holds for T; the next may differ by a T. v is allowed if
-    |v| <= velocity, |v - v_before| <= a T, and a joint that goes on at v for this cycle and
-    then brakes stops short of its position limit: |v| <= braking_speed(distance, braking a, T).
-    The box of a cycle that obeyed its own is never empty, for braking stays possible by
-    construction. That it begins early, at a part of the acceleration limit, is for the other
-    joints' sake: they have to slow down along with it if the shaft is to stay on the trocar, and
-    may have to do so harder.
+    The last command is v' and changed by a' T; this cycle's is v = v' + a T, held for T. Its
+    acceleration a is allowed if |a| <= A, |a - a'| <= j T, and the joint can still do the
+    following, cycle by cycle:
 
-    A state that no box of ours has led to (a push, a plant that lags, a start beyond a limit)
-    may ask for what cannot be. Then speed comes first, acceleration second, position third: the
-    joint brakes as hard as it may, and comes back from beyond the limit at the pace from which
-    it can stop on the limit, or faster. Where the acceleration is not limited, that is as fast
-    as the joint can.
+    - Speed. The acceleration goes back to zero by e T a cycle, e <= j, before the speed limit V.
+      The speed still grows by S(a) - a T with S(a) = T ((m + 1) a - e T m (m + 1) / 2) and
+      m = floor(a / (e T)), so a <= braking_speed(V - v', e, T).
+    - Position. The joint stops, at rest and without acceleration, before its position limit. In
+      cycle k of the stop its deceleration is
+
+          min(k e T - a, B, max(0, end - k e T)),   k = 1, 2, ...,
+
+      which grows by e T a cycle, holds at B <= A and falls by e T a cycle; ``end`` is such that
+      the speed v is used up. The speed used up and the way are sums of ramps sum max(0, x - k)
+      and of their moments sum k max(0, x - k), both in closed form and piecewise linear in x, so
+      the way of a stop is exact, not the limit of short cycles. It grows with a: the largest a
+      whose stop ends before the limit is found by a bracketed secant method, and only if the
+      largest a that the other limits allow does not stop in time.
+      Where a joint slows down so hard that it turns back before its acceleration is zero, the
+      limit holds for the point where it turns.
+
+    The way of a stop of which one cycle is over is the rest of that stop. So whoever obeyed the
+    box can stop, and, as speed and position count on the same e, that stop obeys every limit:
+    the box is never empty and no limit is ever exceeded, whatever is chosen inside the box. The
+    box is continuous in angle, v' and a'. The profile is that of online trajectory
+    generation in continuous time (Kröger and Wahl, IEEE T-RO 2010; Berscheid and Kröger, RSS
+    2021); in cycles it is ours.
+
+    Braking counts on B, a part of A, and on e, a part of j, for the other joints' sake: they have
+    to slow down along with it if the shaft is to stay on the trocar, and may have to do so harder.
+
+    Near a position limit some arms (Franka's FR3) are to stay below sqrt(2 k d) - o at the
+    distance d. With B < k and a stop that ends at the distance
+    o^2 / (2 k) + (o / k + T / 2)^2 B k / (2 (k - B)) or more, the braking speed at every d is
+    below that after the cycle, too: v^2 / (2 B) + v T / 2 is the shortest way to stop, and the
+    distance is the largest excess of (v + o)^2 / (2 k) + v T over it. B is at most 0.8 k.
+
+    Without a limit on the jerk, or with one that lets the acceleration change from -A to A within
+    a cycle, the box is that of a joint which may brake at once: |v| <= braking_speed(d, B, T).
+
+    A state that no box of ours has led to (a start beyond a limit, a last command of somebody
+    else) may ask for what cannot be. Then acceleration comes first and jerk second, because a
+    robot refuses a command that exceeds them; speed is third and position last. An a' beyond A
+    counts as A. A speed above V comes back at the pace of the acceleration and jerk limits.
+    Numbers above twice a limit were never a command: v' counts as V then, and a' as zero. A joint
+    beyond its position limit stops moving outwards and comes back at the pace from which it can
+    stop on the limit, or faster. Where the acceleration is not limited, that is as fast as the
+    joint can.
 
     Attributes:
         arm: whose limits they are.
         period: sampling period T [s].
         margin: kept from the position limits [rad] or [m].
-        braking: share of the acceleration limit that braking before a position limit counts on.
-            With 1 the RCM of the camera task gives way by 9 mm on the LWA3, whose joints then
-            all are at their limits; with a quarter by 0.00001 mm.
-        acceleration: whether to keep the acceleration limits; without them a joint may stop
-            within one cycle, and state.v is not looked at.
+        braking: B as a share of the acceleration limit. With 1 the RCM of the camera task gives
+            way by 9 mm on the LWA3, whose joints then all are at their limits; with a quarter by
+            0.00001 mm.
+        easing: e as a share of the jerk limit.
+        acceleration: whether to keep the limits of acceleration and jerk; without them a joint
+            may stop within one cycle, and state.v and state.a are not looked at.
 
     Raises:
         OptionError: an option is not allowed, or the arm's limits contradict themselves.
@@ -56,14 +95,20 @@ class JointLimits(Limit):
     margin: float = 0.0
     acceleration: bool = True
     braking: float = 0.25
+    easing: float = 0.25
+    _table: Array = field(init=False, repr=False)
+    _line: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options and the arm's limits."""
         check_positive("period", self.period, "s")
         if not 0.0 <= self.margin < np.inf:
             raise OptionError(f"margin = {self.margin} rad, it must be 0 or more, and finite")
-        if not 0.0 < self.braking <= 1.0:
-            raise OptionError(f"braking = {self.braking}, it must be above 0 and at most 1")
+        for name in ("braking", "easing"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise OptionError(
+                    f"{name} = {getattr(self, name)}, it must be above 0 and at most 1"
+                )
         arm = self.arm
         for i, joint in enumerate(arm.joints):
             lower, upper = arm.lower[i], arm.upper[i]
@@ -72,30 +117,51 @@ class JointLimits(Limit):
                     f"{joint} has position limits [{lower:.4g}, {upper:.4g}] rad, which a margin "
                     f"of {self.margin:.4g} rad leaves empty; mend the limits or lower the margin"
                 )
-            for kind in ("velocity", "acceleration"):
+            for kind in ("velocity", "acceleration", "jerk"):
                 value = getattr(arm, kind)[i]
                 if not value > 0.0:
                     raise OptionError(
                         f"{joint} has {kind} limit {value:.4g}; it must be positive, inf for none"
                     )
+        object.__setattr__(self, "_table", joint_table(arm))
+        line = np.zeros(_kernel.LIMIT_NUMBERS)
+        line[: len(self.program())] = self.program()
+        object.__setattr__(self, "_line", line)
 
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
-        """The box; no rows."""
-        arm, T = self.arm, self.period
-        lower, upper = -arm.velocity, arm.velocity
-        a = np.full(arm.nv, np.inf)
-        if self.acceleration:
-            a = arm.acceleration
-            lower, upper = intersect(lower, upper, state.v - T * a, state.v + T * a)
-        below = state.angles - (arm.lower + self.margin)
-        above = (arm.upper - self.margin) - state.angles
-        towards = (braking_speed(distance, self.braking * a, T) for distance in (below, above))
-        low, up = towards
-        return Constraint.box(*intersect(lower, upper, -low, up))
+        """The box; no rows. An angle that is NaN has no position limits."""
+        numbers = (
+            np.ascontiguousarray(values, dtype=float)
+            for values in (state.angles, state.v, state.a)
+        )
+        return Constraint.box(*_kernel.joint_bounds(self._line, self._table, *numbers))
 
     def program(self) -> tuple[float, ...]:
         """For compiled code."""
-        return (_kernel.JOINTS, self.period, self.margin, float(self.acceleration), self.braking)
+        accelerations = float(self.acceleration)
+        return (
+            _kernel.JOINTS,
+            self.period,
+            self.margin,
+            accelerations,
+            self.braking,
+            self.easing,
+        )
+
+
+def joint_table(arm: Arm) -> Array:
+    """An arm's limits (JOINT_NUMBERS, nv) for compiled code.
+
+    Lower and upper position, velocity, acceleration and jerk limits; then, of speed limits near
+    the position limits, offset, deceleration (inf without), lower and upper angle.
+    """
+    free = np.full(arm.nv, np.inf)
+    near = getattr(arm, "speed_near_limits", None)
+    if near is None:
+        rows = [np.zeros(arm.nv), free, -free, free]
+    else:
+        rows = [near.offset, near.deceleration, near.lower, near.upper]
+    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.jerk, *rows])
 
 
 def braking_speed(distance: ArrayLike, deceleration: ArrayLike, period: float) -> Array:
