@@ -67,17 +67,20 @@ def step(
     names: tuple[str, ...],
     /,
 ) -> tuple[Array, Array, dict[str, float]]: ...
-def braked_share(
+def approached(
     strict: Array,
     A: Array,
     e: Array,
+    carried: Array,
     gain: float,
     damping: float,
+    v: Array,
+    a: Array,
     acceleration: Array,
     jerk: Array,
     braking: Array,
     /,
-) -> float: ...
+) -> Array: ...
 def joint_bounds(
     line: Array, joints: Array, angles: Array, v: Array, a: Array, /
 ) -> tuple[Array, Array]: ...

@@ -187,7 +187,9 @@ class HierarchicalQP(Controller):
         arm, made = self.insertion.arm, []
         strict = np.zeros((0, arm.nv))
         for level in self._levels:
-            approach = Approach(arm.acceleration, arm.jerk, self.approach, self.period, strict)
+            approach = Approach(
+                state.v, state.a, arm.acceleration, arm.jerk, self.approach, self.period, strict
+            )
             made.append(level.level(state, reference, approach))
             if made[-1].damping == 0.0 and len(strict) == sum(len(x.A) for x in made[:-1]):
                 strict = np.concatenate([strict, made[-1].A])

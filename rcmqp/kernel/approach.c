@@ -1,9 +1,11 @@
 #include "approach.h"
 
+#include "stopping.h"
+
 #include <string.h>
 
-/* Below this, an error is rounding and is not braked for [unit of the rows]. */
-#define NO_ERROR 1e-12
+/* Below this, a vector is rounding and has no direction [unit of the rows]. */
+#define NO_SIZE 1e-13
 
 /* Damping of the joints' part in a strict task, whose own is zero [unit of the rows]. */
 #define STRICT_DAMPING 1e-3
@@ -11,16 +13,65 @@
 /* Weight of the strict rows against those of the task. */
 #define STRICT_WEIGHT 1e3
 
+/* Share of the jerk that is counted on to stop an error. */
+#define EASING 0.5
+
+/* An error of a strict task up to this is reduced at once, whatever the joints' jerk [unit of the
+ * rows]; one of twice as much as that of a damped task. */
+#define AT_ONCE 1e-4
+
+/* What the joints can do along one direction of the task. */
+typedef struct {
+    double acceleration, jerk;
+} Ability;
+
+static double size_of_vector(const double *x, int m) { return sqrt(dot(x, x, m)); }
+
+/* The factor of what gives the joints' part in a direction. */
+static void prepare(const Brakes *brakes, const Approached *task, double *H)
+{
+    const int n = brakes->n;
+    const double by = task->damping > 0.0 ? task->damping : STRICT_DAMPING;
+    for (int p = 0; p < n; ++p)
+        for (int q = 0; q <= p; ++q) {
+            double total = p == q ? by * by : 0.0;
+            for (int i = 0; i < task->m; ++i) total += task->A[i * n + p] * task->A[i * n + q];
+            for (int i = 0; i < task->strict_rows; ++i)
+                total += STRICT_WEIGHT * task->strict[i * n + p] * task->strict[i * n + q];
+            H[p * n + q] = total;
+        }
+    cholesky(H, n);
+}
+
+/* min_j limit_j / |w_j| of acceleration and jerk, with w = [strict; A]^+ [0; x / |x|], damped. */
+static Ability ability(const Brakes *brakes, const Approached *task, const double *H,
+                       const double *x, double size, double *w)
+{
+    const int n = brakes->n;
+    Ability found = {INFINITY, INFINITY};
+    for (int p = 0; p < n; ++p) {
+        w[p] = 0.0;
+        for (int i = 0; i < task->m; ++i) w[p] += task->A[i * n + p] * (x[i] / size);
+    }
+    cholesky_solve(H, n, w, 1);
+    for (int p = 0; p < n; ++p) {
+        const double part = fabs(w[p]);
+        if (brakes->acceleration[p] < INFINITY)
+            found.acceleration = smaller(found.acceleration, brakes->acceleration[p] / part);
+        if (brakes->jerk[p] < INFINITY) found.jerk = smaller(found.jerk, brakes->jerk[p] / part);
+    }
+    return found;
+}
+
 /* Speed from which a stop with limited acceleration and jerk ends after `distance`.
  *
  * From acceleration zero a stop goes v sqrt(v / j) where the acceleration's limit A is not met,
  * up to v = A^2 / j, and v (v / A + A / j) / 2 beyond. The two are solved for v, and the way of
  * two cycles, for the command that has to come first, is taken off. */
-double stop_speed(double distance, double acceleration, double jerk, double period)
+static double stop_speed(double distance, double acceleration, double jerk, double period)
 {
     const double A = acceleration, ramp = A / jerk; /* zero without a limit on jerk */
-    double v = INFINITY;
-    if (!(A < INFINITY) && !(jerk < INFINITY)) return distance / period;
+    double v;
     if (ramp * ramp * A < distance) /* a stop from v = A ramp takes A ramp^2 */
         v = 2.0 * distance / (0.5 * ramp + sqrt(0.25 * ramp * ramp + 2.0 * distance / A));
     else
@@ -28,48 +79,75 @@ double stop_speed(double distance, double acceleration, double jerk, double peri
     return v / (1.0 + 2.0 * period * v / distance);
 }
 
-/* Share of -gain e at which a task of rows A (m, n) and error e (m) may be approached.
- *
- * With n = e / |e| and w = [strict; A]^+ [0; n] the joints' part in it, damped, the task can be
- * slowed down at min_j a_j / |w_j|, and that changed at min_j j_j / |w_j|; of both, the share of
- * the brakes is counted on, for the joints have more to do. */
-double braked_share(const Brakes *brakes, const double *strict, int strict_rows, const double *A,
-                const double *e, int m, double gain, double damping, Arena *arena)
+/* The wanted rate -phi e (m) of an error e. */
+static void wanted_rate(double gain, Ability can, double period, const double *e, int m,
+                        double *rate)
 {
-    const int n = brakes->n;
-    const double size = sqrt(dot(e, e, m)), T = brakes->period;
-    const double by = damping > 0.0 ? damping : STRICT_DAMPING;
-    double least_a = INFINITY, least_j = INFINITY, a = INFINITY, j = INFINITY;
-    if (!(size > NO_ERROR) || !(gain > 0.0) || !(brakes->share > 0.0)) return 1.0;
-    for (int i = 0; i < n; ++i) { /* |w_j| is at most 1 / (2 damping) */
-        least_a = smaller(least_a, brakes->acceleration[i]);
-        least_j = smaller(least_j, brakes->jerk[i]);
-    }
-    const double least = 2.0 * by * brakes->share;
-    if (stop_speed(size, least * least_a, least * least_j, T) >= gain * size) return 1.0;
+    const double d = size_of_vector(e, m);
+    double phi = gain;
+    if (d > NO_SIZE) phi = smaller(gain, stop_speed(d, can.acceleration, can.jerk, period) / d);
+    for (int i = 0; i < m; ++i) rate[i] = -phi * e[i];
+}
+
+/* What d(error)/dt a task may ask for, rate (m).
+ *
+ * It wants -phi e, with phi the gain, or less where the joints could not stop the error at zero:
+ * |phi e| is at most the speed from which a stop ends after |e|, at the share of their acceleration
+ * that is counted on and EASING of their jerk.
+ *
+ * Where jerk is limited, the rate itself has to be approached, or it would overshoot in its turn:
+ * it changes by the joints' acceleration, and that by their jerk. The change of the wanted rate
+ * along the error's own motion is known and added. What is then left between the wanted rate and
+ * the one now, A v' - carried, is made up for no faster than at the acceleration that can be eased
+ * off by the time the rate is there: braking_speed(). Where the acceleration that the joints have
+ * now leads to the wanted rate, as in following a curve, nothing is left to make up for, and the
+ * wanted rate is asked for as it is. A strict task may not lag: small errors of it are reduced at
+ * once.
+ *
+ * What the joints can do along a direction n is min_j limit_j / |w_j|, w their part in it. All of it
+ * is continuous in the state. Without limits on the acceleration the rate is -gain e. */
+void approach_rate(const Brakes *brakes, const Approached *task, double *rate, Arena *arena)
+{
     const size_t mark = arena->used;
-    double *H = take(arena, n * n), *w = take(arena, n);
-    for (int p = 0; p < n; ++p) {
-        w[p] = 0.0;
-        for (int q = 0; q <= p; ++q) H[p * n + q] = p == q ? by * by : 0.0;
+    const int n = brakes->n, m = task->m;
+    const double T = brakes->period, K = task->gain, d = size_of_vector(task->e, m);
+    double *H = take(arena, n * n), *w = take(arena, n), *now = take(arena, m);
+    double *next = take(arena, m), *later = take(arena, m), *ahead = take(arena, m);
+    int limited = 0;
+    for (int i = 0; i < m; ++i) rate[i] = -K * task->e[i];
+    for (int p = 0; p < n; ++p) limited = limited || brakes->acceleration[p] < INFINITY;
+    if (!limited || !(brakes->share > 0.0)) return;
+    prepare(brakes, task, H);
+    Ability can = {INFINITY, INFINITY};
+    if (d > NO_SIZE) {
+        can = ability(brakes, task, H, task->e, d, w);
+        can.acceleration *= brakes->share, can.jerk *= EASING;
+        wanted_rate(K, can, T, task->e, m, rate);
     }
-    for (int i = 0; i < m; ++i)
-        for (int p = 0; p < n; ++p) {
-            w[p] += A[i * n + p] * (e[i] / size);
-            for (int q = 0; q <= p; ++q) H[p * n + q] += A[i * n + p] * A[i * n + q];
+    {
+        for (int i = 0; i < m; ++i) {
+            now[i] = dot(task->A + i * n, brakes->v, n) - task->carried[i];
+            next[i] = task->e[i] + T * now[i];
         }
-    for (int i = 0; i < strict_rows; ++i)
-        for (int p = 0; p < n; ++p)
-            for (int q = 0; q <= p; ++q)
-                H[p * n + q] += STRICT_WEIGHT * strict[i * n + p] * strict[i * n + q];
-    cholesky(H, n);
-    cholesky_solve(H, n, w, 1);
-    for (int i = 0; i < n; ++i) {
-        if (brakes->acceleration[i] < INFINITY)
-            a = smaller(a, brakes->share * brakes->acceleration[i] / fabs(w[i]));
-        if (brakes->jerk[i] < INFINITY) j = smaller(j, brakes->share * brakes->jerk[i] / fabs(w[i]));
+        wanted_rate(K, can, T, next, m, later);
+        for (int i = 0; i < m; ++i) /* next: what is left to make up for */
+            later[i] = now[i] + later[i] - rate[i], next[i] = rate[i] - later[i];
+        const double gap = size_of_vector(next, m);
+        if (gap > NO_SIZE) {
+            const double jerk = ability(brakes, task, H, next, gap, w).jerk;
+            const double most = jerk < INFINITY ? T * braking_speed(gap, jerk, T) : gap;
+            for (int i = 0; i < m; ++i) /* and what, if the joints' acceleration stays */
+                ahead[i] = rate[i] - now[i] - T * dot(task->A + i * n, brakes->a, n);
+            const double change = size_of_vector(ahead, m) / (jerk * T * T);
+            double kept = clipped(2.0 - change, 0.0, 1.0);
+            if (!(task->damping > 0.0)) {
+                const double small = smaller(AT_ONCE, 0.25 * jerk / (K * K * K));
+                kept = larger(kept, clipped(2.0 - d / small, 0.0, 1.0));
+            }
+            if (most < gap)
+                for (int i = 0; i < m; ++i)
+                    rate[i] = later[i] + next[i] * (kept + (1.0 - kept) * (most / gap));
+        }
     }
     arena->used = mark;
-    const double share = stop_speed(size, a, j, T) / (gain * size);
-    return share < 1.0 ? share : 1.0;
 }

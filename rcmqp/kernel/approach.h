@@ -4,17 +4,24 @@
 
 #include "linalg.h"
 
-/* What the joints can do: limits (n) of acceleration and jerk, the share of them that is counted
- * on, and the sampling period. */
+/* The joints: limits (n) of acceleration and jerk, the share of the acceleration that is counted
+ * on, the sampling period, and the last command v and its change a (n). */
 typedef struct {
     int n;
-    const double *acceleration, *jerk;
+    const double *acceleration, *jerk, *v, *a;
     double share, period;
 } Brakes;
 
-double stop_speed(double distance, double acceleration, double jerk, double period);
+/* One task below strict rows: d(error)/dt = A v - carried. */
+typedef struct {
+    int m, strict_rows;
+    const double *strict;  /* (strict_rows, n) */
+    const double *A;       /* (m, n) */
+    const double *e;       /* (m) error */
+    const double *carried; /* (m) */
+    double gain, damping;
+} Approached;
 
-double braked_share(const Brakes *brakes, const double *strict, int strict_rows, const double *A,
-                const double *e, int m, double gain, double damping, Arena *arena);
+void approach_rate(const Brakes *brakes, const Approached *task, double *rate, Arena *arena);
 
 #endif

@@ -211,9 +211,10 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
     const Cycle *cycle = &program->cycle;
     const int n = hierarchy->n, rows = (int)hierarchy->ends[hierarchy->levels - 1];
     double *A = take(arena, rows * n), *b = take(arena, rows), *e = take(arena, rows);
+    double *rate = take(arena, rows);
     double *C = take(arena, hierarchy->m * n), *d = take(arena, hierarchy->m);
-    const Brakes brakes = {n, cycle->joints + 3 * n, cycle->joints + 4 * n, program->braking,
-                           program->period};
+    const Brakes brakes = {n, cycle->joints + 3 * n, cycle->joints + 4 * n, cycle->v, cycle->a,
+                           program->braking, program->period};
     int at = 0, level = 0, first = 0, strict = 0;
     for (int k = 0; hierarchy->damping[k] == 0.0 && k < hierarchy->levels - 1; ++k)
         strict = (int)hierarchy->ends[k];
@@ -223,10 +224,10 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
         while (at >= hierarchy->ends[level]) first = (int)hierarchy->ends[level++];
         task_rows(cycle, line, program->vectors + 2 * k * n, A + at * n, b + at, e, arena);
         if (has_error(line)) {
-            const double gain = line[2] * braked_share(&brakes, A, first < strict ? first : strict,
-                                                   A + at * n, e, m, line[2],
-                                                   hierarchy->damping[level], arena);
-            for (int i = 0; i < m; ++i) b[at + i] -= gain * e[i];
+            const Approached task = {m, first < strict ? first : strict, A, A + at * n, e, b + at,
+                                     line[2], hierarchy->damping[level]};
+            approach_rate(&brakes, &task, rate, arena);
+            for (int i = 0; i < m; ++i) b[at + i] += rate[i];
         }
         at += m;
     }
@@ -244,27 +245,40 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
     hierarchy->A = A, hierarchy->b = b, hierarchy->C = C, hierarchy->d = d;
 }
 
-/* braked_share(strict, A, e, gain, damping, acceleration, jerk, braking): see approach.h; braking is
- * the period and the share. */
-PyObject *braked_share_binding(PyObject *self, PyObject *const *args, Py_ssize_t count)
+/* approached(strict, A, e, carried, gain, damping, v, a, acceleration, jerk, braking): see
+ * approach.h; braking is the period and the share. */
+PyObject *approached(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("braked_share", count, 8)) return NULL;
-    const npy_intp n = size_of(args[5]), m = size_of(args[2]);
+    if (!counted("approached", count, 11)) return NULL;
+    const npy_intp n = size_of(args[6]), m = size_of(args[2]);
     const npy_intp strict_rows = n > 0 ? size_of(args[0]) / n : 0;
-    const double *strict = numbers_of(args[0], NPY_DOUBLE, strict_rows * n, "strict");
-    const double *A = numbers_of(args[1], NPY_DOUBLE, m * n, "A");
-    const double *e = numbers_of(args[2], NPY_DOUBLE, m, "e");
-    const double gain = PyFloat_AsDouble(args[3]), damping = PyFloat_AsDouble(args[4]);
-    const double *acceleration = numbers_of(args[5], NPY_DOUBLE, n, "acceleration");
-    const double *jerk = numbers_of(args[6], NPY_DOUBLE, n, "jerk");
-    const double *braking = numbers_of(args[7], NPY_DOUBLE, 2, "braking");
+    const Approached task = {
+        (int)m,
+        (int)strict_rows,
+        numbers_of(args[0], NPY_DOUBLE, strict_rows * n, "strict"),
+        numbers_of(args[1], NPY_DOUBLE, m * n, "A"),
+        numbers_of(args[2], NPY_DOUBLE, m, "e"),
+        numbers_of(args[3], NPY_DOUBLE, m, "carried"),
+        number_of(args[4]),
+        number_of(args[5]),
+    };
+    const double *braking = numbers_of(args[10], NPY_DOUBLE, 2, "braking");
+    const Brakes brakes = {
+        (int)n,
+        numbers_of(args[8], NPY_DOUBLE, n, "acceleration"),
+        numbers_of(args[9], NPY_DOUBLE, n, "jerk"),
+        numbers_of(args[6], NPY_DOUBLE, n, "v"),
+        numbers_of(args[7], NPY_DOUBLE, n, "a"),
+        braking == NULL ? 0.0 : braking[1],
+        braking == NULL ? 1.0 : braking[0],
+    };
     if (PyErr_Occurred()) return NULL;
-    Arena *arena = scratch((size_t)(n * n + n));
+    Arena *arena = scratch((size_t)(n * n + n + 6 * m));
     if (arena == NULL) return NULL;
-    const Brakes brakes = {(int)n, acceleration, jerk, braking[1], braking[0]};
-    return PyFloat_FromDouble(
-        braked_share(&brakes, strict, (int)strict_rows, A, e, (int)m, gain, damping, arena));
+    double *rate = take(arena, (int)m);
+    approach_rate(&brakes, &task, rate, arena);
+    return copied(rate, (int)m, -1);
 }
 
 /* step(tasks, vectors, ends, damping, limits, joints, braking, guarded, max_rounds, x, J_local,
@@ -325,7 +339,7 @@ PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count)
     if (!check_levels(hierarchy, rows)) return NULL;
     see(&program.cycle);
     program.period = braking[0], program.braking = braking[1];
-    const size_t more = (size_t)((rows + hierarchy->m + 24) * (n + 1) + 4 * n * n);
+    const size_t more = (size_t)((rows + hierarchy->m + 24) * (n + 4) + 4 * n * n);
     PyObject *const rest[3] = {Py_None, args[18], args[19]};
     return answered(hierarchy, make_rows, more, rest, args[20]);
 }

@@ -5,7 +5,7 @@
 #include "rows.h"
 
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
-PyObject *braked_share_binding(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *approached(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -48,8 +48,7 @@ Arena *scratch(size_t count)
 
 static PyMethodDef methods[] = {
     METHOD(solve, "The lexicographic optimum of stacked levels; see _kernel.pyi."),
-    {"braked_share", (PyCFunction)(void (*)(void))braked_share_binding, METH_FASTCALL,
-     "Share at which a task may be approached."},
+    METHOD(approached, "What rate of its error a task may ask for."),
     METHOD(step, "The same, with the rows of tasks and limits made here; see _kernel.pyi."),
     METHOD(usable, "Whether a cycle's numbers are finite and x_d is a pose; see _kernel.pyi."),
     METHOD(frozen, "A copy of numbers that cannot be written."),

@@ -156,3 +156,14 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
               above < INFINITY ? step * highest(speed, l, u, above / far, soft) : *up);
     *low = rounded(v + T * *low, V), *up = rounded(v + T * *up, V);
 }
+
+double stopping_speed(double v, double a, double distance, double deceleration, double jerk,
+                      double easing, double T)
+{
+    const double step = easing * T;
+    if (!(step < 2.0 * deceleration)) return braking_speed(distance, deceleration, T);
+    const double most = deceleration / step;
+    a = clipped(a, -deceleration, deceleration);
+    const double low = larger((a - jerk * T) / step, -most), high = (a + jerk * T) / step;
+    return v + T * step * highest(v / (step * T), low, high, distance / (step * T * T), most);
+}

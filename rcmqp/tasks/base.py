@@ -71,31 +71,48 @@ DAMPING = {"m": 0.01, "rad": 0.03}
 class Approach:
     """How fast an error may be reduced if the joints are still to stop it at zero.
 
-    A task asks for -gain e. Where |e| is large the joints could not stop from that in time, and
-    overshoot. With n = e / |e| and w = [strict; A]^+ [0; n] the joints' part in it, damped by the
-    level's damping, they can slow it down at share min_j a_j / |w_j| at the most, and change that
-    by share min_j j_j / |w_j|, and so the speed is cut at that from which such a stop ends at
-    zero. The cut is continuous in the state, and none for small errors.
+    A task wants the rate -gain e. Where |e| is large the joints could not stop from that in time,
+    and the error would overshoot. With n = e / |e| and w = [strict; A]^+ [0; n] the joints' part in
+    it, damped by the level's damping, they can slow it down at min_j a_j / |w_j| at the most, and
+    change that at min_j j_j / |w_j|. So the rate is at most that from which a stop ends at zero, at
+    ``share`` of that acceleration and half of that jerk; and where jerk is limited, a new rate is
+    approached no faster than at the acceleration that can be eased off by the time it is there. See
+    kernel/approach.c. Both are continuous in the state, and neither changes anything where errors
+    are small and the joints' acceleration leads to the wanted rate, as in following a path.
 
     Attributes:
+        v: (nv,) the last command.
+        a: (nv,) its last change over the period.
         acceleration: (nv,) limits, inf for none.
         jerk: (nv,) limits, inf for none.
-        share: of the limits that is counted on; 0 for no braking.
+        share: of the acceleration limits that is counted on; 0 for -gain e throughout.
         period: sampling period T [s].
         strict: (m, nv) rows of the strict levels above.
     """
 
+    v: Array
+    a: Array
     acceleration: Array
     jerk: Array
     share: float
     period: float
     strict: Array
 
-    def share_of(self, rows: Array, error: Array, gain: float, damping: float) -> float:
-        """Part in (0, 1] of -gain e that a task of rows (m, nv) and error (m,) may ask for."""
+    def rate(
+        self, rows: Array, error: Array, carried: Array, gain: float, damping: float
+    ) -> Array:
+        """Rate (m,) that a task may ask for.
+
+        Args:
+            rows: (m, nv) of the task.
+            error: (m,).
+            carried: (m,) minus what the error changes by while the joints stand still.
+            gain: [1/s].
+            damping: of the level; 0 where it is strict.
+        """
         braking = np.array([self.period, self.share])
-        limits = self.acceleration, self.jerk
-        return _kernel.braked_share(self.strict, rows, error, gain, damping, *limits, braking)
+        task = self.strict, rows, error, carried, gain, damping
+        return _kernel.approached(*task, self.v, self.a, self.acceleration, self.jerk, braking)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -187,12 +204,14 @@ class Task(abc.ABC):
     def _wanted(
         self, residual: Residual, root: float, damping: float, approach: Approach | None
     ) -> Array:
-        """-gain error - drift (m,), the error's part no faster than the joints can stop."""
-        share = 1.0
-        if approach is not None:
-            rows, error = root * residual.jacobian, root * residual.error
-            share = approach.share_of(rows, error, self.gain, damping)
-        return -self.gain * share * residual.error - residual.drift
+        """The rate asked for, minus drift (m,); all rows are multiplied by ``root`` for it."""
+        if approach is None:
+            return -self.gain * residual.error - residual.drift
+        rows, error, carried = (
+            root * part for part in (residual.jacobian, residual.error, -residual.drift)
+        )
+        rate = approach.rate(rows, error, carried, self.gain, damping)
+        return rate / root - residual.drift
 
     def __add__(self, other: Task | Together) -> Together:
         """Both on one level."""
