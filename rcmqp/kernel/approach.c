@@ -16,8 +16,8 @@
 /* Share of the jerk that is counted on to stop an error. */
 #define EASING 0.5
 
-/* An error of a strict task up to this is reduced at once, whatever the joints' jerk [unit of the
- * rows]; one of twice as much as that of a damped task. */
+/* An error of a strict task up to this, or up to what the jerk can follow, is reduced at once
+ * [unit of the rows]; one of twice as much is approached like that of a damped task. */
 #define AT_ONCE 1e-4
 
 /* What the joints can do along one direction of the task. */
@@ -85,7 +85,8 @@ static void wanted_rate(double gain, Ability can, double period, const double *e
 {
     const double d = size_of_vector(e, m);
     double phi = gain;
-    if (d > NO_SIZE) phi = smaller(gain, stop_speed(d, can.acceleration, can.jerk, period) / d);
+    if (d > NO_SIZE && can.acceleration < INFINITY)
+        phi = smaller(gain, stop_speed(d, can.acceleration, can.jerk, period) / d);
     for (int i = 0; i < m; ++i) rate[i] = -phi * e[i];
 }
 
@@ -112,7 +113,8 @@ void approach_rate(const Brakes *brakes, const Approached *task, double *rate, A
     const int n = brakes->n, m = task->m;
     const double T = brakes->period, K = task->gain, d = size_of_vector(task->e, m);
     double *H = take(arena, n * n), *w = take(arena, n), *now = take(arena, m);
-    double *next = take(arena, m), *later = take(arena, m), *ahead = take(arena, m);
+    double *next = take(arena, m), *later = take(arena, m);
+    double *left = take(arena, m), *kept = take(arena, m);
     int limited = 0;
     for (int i = 0; i < m; ++i) rate[i] = -K * task->e[i];
     for (int p = 0; p < n; ++p) limited = limited || brakes->acceleration[p] < INFINITY;
@@ -124,30 +126,27 @@ void approach_rate(const Brakes *brakes, const Approached *task, double *rate, A
         can.acceleration *= brakes->share, can.jerk *= EASING;
         wanted_rate(K, can, T, task->e, m, rate);
     }
-    {
-        for (int i = 0; i < m; ++i) {
-            now[i] = dot(task->A + i * n, brakes->v, n) - task->carried[i];
-            next[i] = task->e[i] + T * now[i];
+    for (int i = 0; i < m; ++i) {
+        now[i] = dot(task->A + i * n, brakes->v, n) - task->carried[i];
+        next[i] = task->e[i] + T * now[i];
+    }
+    wanted_rate(K, can, T, next, m, later);
+    for (int i = 0; i < m; ++i) {
+        later[i] += now[i] - rate[i]; /* the rate now, with the change of the wanted one */
+        left[i] = rate[i] - later[i];
+        kept[i] = rate[i] - now[i] - T * dot(task->A + i * n, brakes->a, n);
+    }
+    const double gap = size_of_vector(left, m);
+    if (gap > NO_SIZE) {
+        const double jerk = ability(brakes, task, H, left, gap, w).jerk;
+        const double most = jerk < INFINITY ? T * braking_speed(gap, jerk, T) : gap;
+        double at_once = clipped(2.0 - size_of_vector(kept, m) / (jerk * T * T), 0.0, 1.0);
+        if (!(task->damping > 0.0)) {
+            const double small = smaller(AT_ONCE, 0.25 * jerk / (K * K * K));
+            at_once = larger(at_once, clipped(2.0 - d / small, 0.0, 1.0));
         }
-        wanted_rate(K, can, T, next, m, later);
-        for (int i = 0; i < m; ++i) /* next: what is left to make up for */
-            later[i] = now[i] + later[i] - rate[i], next[i] = rate[i] - later[i];
-        const double gap = size_of_vector(next, m);
-        if (gap > NO_SIZE) {
-            const double jerk = ability(brakes, task, H, next, gap, w).jerk;
-            const double most = jerk < INFINITY ? T * braking_speed(gap, jerk, T) : gap;
-            for (int i = 0; i < m; ++i) /* and what, if the joints' acceleration stays */
-                ahead[i] = rate[i] - now[i] - T * dot(task->A + i * n, brakes->a, n);
-            const double change = size_of_vector(ahead, m) / (jerk * T * T);
-            double kept = clipped(2.0 - change, 0.0, 1.0);
-            if (!(task->damping > 0.0)) {
-                const double small = smaller(AT_ONCE, 0.25 * jerk / (K * K * K));
-                kept = larger(kept, clipped(2.0 - d / small, 0.0, 1.0));
-            }
-            if (most < gap)
-                for (int i = 0; i < m; ++i)
-                    rate[i] = later[i] + next[i] * (kept + (1.0 - kept) * (most / gap));
-        }
+        for (int i = 0; i < m && most < gap; ++i)
+            rate[i] = later[i] + left[i] * (at_once + (1.0 - at_once) * (most / gap));
     }
     arena->used = mark;
 }

@@ -274,7 +274,7 @@ PyObject *approached(PyObject *self, PyObject *const *args, Py_ssize_t count)
         braking == NULL ? 1.0 : braking[0],
     };
     if (PyErr_Occurred()) return NULL;
-    Arena *arena = scratch((size_t)(n * n + n + 6 * m));
+    Arena *arena = scratch((size_t)(n * n + n + 8 * m));
     if (arena == NULL) return NULL;
     double *rate = take(arena, (int)m);
     approach_rate(&brakes, &task, rate, arena);

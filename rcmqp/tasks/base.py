@@ -71,14 +71,14 @@ DAMPING = {"m": 0.01, "rad": 0.03}
 class Approach:
     """How fast an error may be reduced if the joints are still to stop it at zero.
 
-    A task wants the rate -gain e. Where |e| is large the joints could not stop from that in time,
-    and the error would overshoot. With n = e / |e| and w = [strict; A]^+ [0; n] the joints' part in
-    it, damped by the level's damping, they can slow it down at min_j a_j / |w_j| at the most, and
-    change that at min_j j_j / |w_j|. So the rate is at most that from which a stop ends at zero, at
-    ``share`` of that acceleration and half of that jerk; and where jerk is limited, a new rate is
-    approached no faster than at the acceleration that can be eased off by the time it is there. See
-    kernel/approach.c. Both are continuous in the state, and neither changes anything where errors
-    are small and the joints' acceleration leads to the wanted rate, as in following a path.
+    A task wants the rate -gain e. Where |e| is large the joints could not stop from that in
+    time, and the error would overshoot. With n = e / |e| and w = [strict; A]^+ [0; n] the joints'
+    part in it, damped by the level's damping, they can slow it down at min_j a_j / |w_j| at the
+    most, and change that at min_j j_j / |w_j|. So the rate is at most that from which a stop ends
+    at zero, at ``share`` of that acceleration and half of that jerk. Where jerk is limited, a new
+    rate is approached no faster than at the acceleration that can be eased off by the time it is
+    there; see kernel/approach.c. All this is continuous in the state, and changes nothing where
+    errors are small and the joints' acceleration leads to the wanted rate, as in following a path.
 
     Attributes:
         v: (nv,) the last command.
