@@ -27,7 +27,8 @@ from rcmqp.behaviour import LEAST_REST, Behaviour, growth, standstill, streaks
 from rcmqp.console import _after_the_stop, _path_end, warnings
 from rcmqp.dualquaternion import Array
 from rcmqp.metrics import AFTER_THE_STOP
-from rcmqp.paths import ViewSteps
+from rcmqp.operators import CameraTrial
+from rcmqp.paths import Foreign, ViewSteps
 
 T = 0.05
 LIMIT = np.array([0.5, 4.0])
@@ -301,9 +302,17 @@ def test_settling_after_the_last_view_is_part_of_the_path() -> None:
 
 
 def test_a_steered_run_is_of_one_piece() -> None:
-    scenario = load_scenario("camera_task", period=8e-3)
-    run = simulate(scenario, make_controller("dual_quaternion", scenario.insertion(), 8e-3))
+    """Its path's duration is only the most that it may take."""
+    scenario = dataclasses.replace(still().scenario, path=CameraTrial(duration=1.0))
+    run = dataclasses.replace(stopping_at_20([]), scenario=scenario)
     assert compute_metrics(run).errors_until_s == run.time[-1]
+
+
+def test_a_path_of_which_only_numbers_are_known_lasts_to_the_end_or_as_these_say() -> None:
+    for numbers, end in (({}, T * (ROWS - 1)), ({"duration": 1.5}, 1.5)):
+        scenario = dataclasses.replace(still().scenario, path=Foreign("mine", numbers))
+        run = dataclasses.replace(still(), scenario=scenario)
+        assert compute_metrics(run).errors_until_s == pytest.approx(end, abs=1e-15)
 
 
 # Together ----------------------------------------------------------------------------------
