@@ -161,18 +161,15 @@ def largest(name: str) -> Callable[[Sequence[Result]], float]:
 
 
 def share_at_rest(results: Sequence[Result]) -> float:
-    """Column: of the runs, those whose joints are at rest [%]."""
-    return 100.0 * float(np.mean([result["swing_ratio_end"] < AT_REST for result in results]))
+    """Column: of the runs whose reference stops, those whose joints are at rest then [%]."""
+    swings = [result["swing_ratio_end"] for result in results]
+    stopped = [swing < AT_REST for swing in swings if not math.isnan(swing)]
+    return 100.0 * sum(stopped) / len(stopped) if stopped else math.nan
 
 
 def share_arrived(results: Sequence[Result]) -> float:
     """Column: of the runs, those whose tip ends within 1 mm [%]."""
     return 100.0 * float(np.mean([result["tip_end_mm"] < 1e3 * SETTLED for result in results]))
-
-
-def overshoot_of_arrived(results: Sequence[Result]) -> float:
-    """Column: the largest overshoot of the runs whose tip ends within 1 mm [mm]."""
-    return largest("overshoot_max_mm")([r for r in results if r["tip_end_mm"] < 1e3 * SETTLED])
 
 
 COLUMNS: dict[str, Callable[[Sequence[Result]], float]] = {
@@ -184,7 +181,7 @@ COLUMNS: dict[str, Callable[[Sequence[Result]], float]] = {
     "acc. / limit": largest("acceleration_ratio_max"),
     "jerk / limit": largest("jerk_ratio_max"),
     "arrived [%]": share_arrived,
-    "overshoot [mm]": overshoot_of_arrived,
+    "overshoot [mm]": largest("overshoot_max_mm"),
     "settling [s]": largest("settling_time_s"),
     "orientation rms [mrad]": largest("orientation_rms_mrad"),
     "max [mrad]": largest("orientation_max_mrad"),
@@ -251,7 +248,7 @@ def main() -> None:
     named = (((name, one.arm, str(one.view)), [result]) for (one, name), result in lines)
     print(table(("controller", "arm", "view"), named), flush=True)
 
-    print(f"Random views, seed {asked.seed}, likewise; the worst of the runs:\n")
+    print(f"Random views, seed {asked.seed}, likewise; the worst of the runs:\n", flush=True)
     work = held([one for arm in asked.arms for one in draws(arm, asked.runs, asked.seed)])
     found = list(parallel(delayed(hold)(one, name, asked.backend) for one, name in work))
     print(table(("controller", "arm"), _grouped([(n, o.arm) for o, n in work], found)), flush=True)

@@ -275,9 +275,9 @@ def _after_the_stop(metrics: Metrics) -> list[str]:
     ]
     if not math.isnan(metrics.swing_ratio_end):
         lines += [
-            f"tip past its end      {readable(metrics.overshoot_max_mm, '.4f')} mm at most",
-            f"swing of a speed      {readable(metrics.swing_ratio_end, '.4f')} of its limit in "
-            "the last second",
+            f"tip past its end      {after_the_stop(metrics.overshoot_max_mm)} mm at most",
+            f"swing of a speed      {after_the_stop(metrics.swing_ratio_end)} of its limit in the "
+            "last second",
         ]
     return lines
 

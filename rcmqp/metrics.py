@@ -31,6 +31,9 @@ SMALL = 1e-4
 ERRORS = {"tip": "mm", "effector": "mm", "rcm": "mm", "orientation": "mrad"}
 """What has an rms, a largest value and a 95th percentile, and its unit."""
 
+NOTHING = 1e-6
+"""Below it, a measure of AFTER_THE_STOP is shown as 0 [mm], [s], [1]."""
+
 AFTER_THE_STOP = ("reference_end_s", "overshoot_max_mm", "settling_time_s", "swing_ratio_end")
 """Measures that are NaN if the reference does not stop."""
 
@@ -182,10 +185,13 @@ def against_limit(ratio: float, style: str = ".3g") -> str:
 
 
 def after_the_stop(value: float, style: str = ".3g") -> str:
-    """A measure of AFTER_THE_STOP, for people: "no stop" if NaN, "never" if infinite."""
+    """A measure of AFTER_THE_STOP, for people.
+
+    "no stop" if it is NaN, "never" if infinite, 0 if it is below ``NOTHING``, by rounding.
+    """
     if np.isnan(value):
         return "no stop"
-    return "never" if np.isinf(value) else readable(value, style)
+    return "never" if np.isinf(value) else format(value if value >= NOTHING else 0.0, style)
 
 
 def obstacle_distance(run: Run) -> Array:
