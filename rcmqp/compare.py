@@ -20,13 +20,17 @@ from rcmqp.errors import OptionError, RunFileError
 from rcmqp.files import check_writable, make_folder, unlike, whole
 from rcmqp.loading import arm_names
 from rcmqp.markdown import literal
-from rcmqp.metrics import ROUNDING, against_limit, compute_metrics
+from rcmqp.metrics import (
+    AFTER_THE_STOP,
+    ROUNDING,
+    after_the_stop,
+    against_limit,
+    compute_metrics,
+)
 from rcmqp.run import Run
 from rcmqp.scenario_loading import load_scenario, own_arm
 from rcmqp.simulate import simulate
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
-
-"""By how much a limit may be missed and still count as kept."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ class Row:
         safe_stops: cycles that ended in the controller's safe stop.
         acceleration_ratio_max, jerk_ratio_max: NaN, too, on arms without such limits.
         assumed: which limits, acceleration or jerk, nobody has given; see Arm.assumed.
+        errors_until_s, reversals_in_a_row and so on: see Metrics.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
         file: name of the run's file in the comparison's folder.
         failure: why there is no run; empty where there is one. Numbers are NaN then.
@@ -67,6 +72,7 @@ class Row:
     scenario: str
     arm: str
     controller: str
+    errors_until_s: float = np.nan
     tip_rms_mm: float = np.nan
     tip_max_mm: float = np.nan
     contour_rms_mm: float = np.nan
@@ -74,6 +80,8 @@ class Row:
     lag_max_s: float = np.nan
     rcm_rms_mm: float = np.nan
     rcm_max_mm: float = np.nan
+    orientation_rms_mrad: float = np.nan
+    orientation_max_mrad: float = np.nan
     limits_kept: bool | None = None
     speed_ratio_max: float = np.nan
     acceleration_ratio_max: float = np.nan
@@ -84,6 +92,13 @@ class Row:
     saturated_share: float = np.nan
     singular_value_min: float = np.nan
     safe_stops: float = np.nan
+    reversals_in_a_row: float = np.nan
+    reversals: float = np.nan
+    step_ratio_max: float = np.nan
+    swing_ratio_end: float = np.nan
+    overshoot_max_mm: float = np.nan
+    settling_time_s: float = np.nan
+    reference_end_s: float = np.nan
     sparc: float = np.nan
     ldlj: float = np.nan
     solve_time_median_us: float = np.nan
@@ -96,10 +111,11 @@ class Row:
 TIMES = ("solve_time_median_us", "solve_time_p99_us")
 """What differs from run to run."""
 
+_NAMES = {"scenario": "scenario", "arm": "arm", "controller": "controller"}
+
 _TITLES = {
-    "scenario": "scenario",
-    "arm": "arm",
-    "controller": "controller",
+    **_NAMES,
+    "errors_until_s": "rms until [s]",
     "tip_rms_mm": "tip rms [mm]",
     "contour_rms_mm": "contour rms [mm]",
     "lag_max_s": "lag max [s]",
@@ -112,10 +128,23 @@ _TITLES = {
     "limit_margin_min_rad": "margin [rad]",
     "saturated_share": "saturated",
     "safe_stops": "stops",
-    "sparc": "SPARC",
-    "ldlj": "LDLJ",
     "solve_time_median_us": "step [us]",
     "failure": "failure",
+}
+
+_OVER_TIME = {
+    **_NAMES,
+    "orientation_rms_mrad": "orientation rms [mrad]",
+    "orientation_max_mrad": "max [mrad]",
+    "reversals_in_a_row": "reversals in a row",
+    "reversals": "in all",
+    "step_ratio_max": "step of v / limit",
+    "reference_end_s": "reference stops [s]",
+    "overshoot_max_mm": "overshoot [mm]",
+    "settling_time_s": "below 1 mm after [s]",
+    "swing_ratio_end": "swing at the end / limit",
+    "sparc": "SPARC",
+    "ldlj": "LDLJ",
 }
 
 
@@ -290,19 +319,29 @@ def as_csv(rows: Iterable[Row]) -> str:
 
 
 def as_markdown(rows: Iterable[Row]) -> str:
-    """The columns that a reader compares."""
-    lines = [
-        f"| {' | '.join(_TITLES.values())} |",
-        f"| {' | '.join(['---'] * 3 + ['---:'] * (len(_TITLES) - 4) + ['---'])} |",
-    ]
+    """The columns that a reader compares: errors and limits; then what happens over time."""
+    rows = list(rows)
+    lines = [_line(_TITLES.values()), _line(["---"] * 3 + ["---:"] * 11 + ["---"])]
     for row in rows:
         cells = {name: _cell(getattr(row, name)) for name in _TITLES}
         if not row.failure:
             for name in ("acceleration", "jerk"):
                 ratio, assumed = f"{name}_ratio_max", name in row.assumed.split()
                 cells[ratio] = against_limit(getattr(row, ratio), ".4g", assumed=assumed)
-        lines.append(f"| {' | '.join(cells.values())} |")
+        lines.append(_line(cells.values()))
+    made = [row for row in rows if not row.failure]
+    if made:
+        lines += ["", _line(_OVER_TIME.values()), _line(["---"] * 3 + ["---:"] * 11)]
+    for row in made:
+        cells = {name: _cell(getattr(row, name)) for name in _OVER_TIME}
+        for name in AFTER_THE_STOP:
+            cells[name] = after_the_stop(getattr(row, name), ".4g")
+        lines.append(_line(cells.values()))
     return "\n".join(lines) + "\n"
+
+
+def _line(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
 def _cell(value: object) -> str:

@@ -20,7 +20,14 @@ from rich.table import Column, Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
-from rcmqp.metrics import ROUNDING, Metrics, against_limit, compute_metrics, readable
+from rcmqp.metrics import (
+    ROUNDING,
+    Metrics,
+    after_the_stop,
+    against_limit,
+    compute_metrics,
+    readable,
+)
 from rcmqp.run import Run
 from rcmqp.run_file import Recording
 
@@ -33,6 +40,9 @@ OBSTACLE_WARNING_MM = 0.01
 
 out = Console(width=WIDTH, emoji=False)
 err = Console(stderr=True, emoji=False)
+
+REVERSALS_WARNING = 2
+"""Cycles in a row in which a joint may turn round before it is remarked on."""
 
 _ERRORS = (
     ("tip", "tip", "mm"),
@@ -92,7 +102,11 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
             rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
         print_table(("error", "rms", "95 %", "max"), rows)
-        for line in (*_summary(metrics, result.head.assumed), *_governed(result)):
+        for line in (
+            *_path_end(result, metrics),
+            *_summary(metrics, result.head.assumed),
+            *_governed(result),
+        ):
             out.print(line, highlight=False, markup=False)
         if file is not None:
             out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
@@ -143,6 +157,11 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
     inside = -metrics.obstacle_distance_min_mm
     if inside > OBSTACLE_WARNING_MM:
         found.append(f"the instrument went {inside:.3g} mm into an obstacle")
+    if metrics.reversals_in_a_row > REVERSALS_WARNING:
+        found.append(
+            f"a joint turned round in {metrics.reversals_in_a_row:.0f} cycles in a row: the "
+            "controller rattles"
+        )
     gain = float(head.options.get("gain", 0.0)) * period
     if gain > 1.0:
         found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")
@@ -259,6 +278,10 @@ def _summary(metrics: Metrics, assumed: Sequence[str] = ()) -> Sequence[str]:
         f"jerk / limit          {jerk}",
         f"margin to limits      {round(metrics.limit_margin_min_rad, 3) + 0.0:.3f} rad at least",
         f"singular value        {metrics.singular_value_min:.4f} at least",
+        f"joints turn round     in {metrics.reversals_in_a_row:.0f} cycles in a row at most, in "
+        f"{metrics.reversals:.0f} in all",
+        f"step of a speed       {readable(metrics.step_ratio_max, '.4f')} of its limit at most",
+        *_after_the_stop(metrics),
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
         f"{metrics.solve_time_p99_us:.0f} us p99, by the clock of this machine",
     )
@@ -284,6 +307,36 @@ def path_done(result: Recording) -> float | None:
     path_time = result.column("path_time")
     rows = path_time.shape[0]
     return min(1.0, float(path_time[rows - 1 : rows][0]) / scenario.path.duration)
+
+
+def _path_end(run: Recording, metrics: Metrics) -> list[str]:
+    """That the run goes on after its path has ended, if it does."""
+    last = run.column("time").shape[0] - 1
+    end = run.head.scenario.period * last
+    if metrics.errors_until_s == end:
+        return []
+    return [
+        f"path ended            at {metrics.errors_until_s:g} s: rms and 95 % are until then, "
+        f"max is of all {end:g} s"
+    ]
+
+
+def _after_the_stop(metrics: Metrics) -> list[str]:
+    """How tip and joints come to rest; nothing where the reference does not stop."""
+    if math.isnan(metrics.reference_end_s):
+        return []
+    settling = after_the_stop(metrics.settling_time_s, ".3f")
+    tip = "never for good" if settling == "never" else f"for good after {settling} s"
+    lines = [
+        f"reference stops       at {metrics.reference_end_s:.3f} s; tip error below 1 mm {tip}"
+    ]
+    if not math.isnan(metrics.swing_ratio_end):
+        lines += [
+            f"tip past its end      {after_the_stop(metrics.overshoot_max_mm)} mm at most",
+            f"swing of a speed      {after_the_stop(metrics.swing_ratio_end)} of its limit in the "
+            "last second",
+        ]
+    return lines
 
 
 def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,29 @@ class Extent:
     def rms(self) -> float:
         """Root of the mean square."""
         return math.sqrt(self.mean_square)
+
+
+class FirstRows:
+    """The first rows of an array or a dataset, read as they are sliced."""
+
+    def __init__(self, values: Rows, count: int) -> None:
+        """Of ``values``, no more than they have."""
+        self._values, self._count = values, min(count, values.shape[0])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """As the array's, with the rows that count."""
+        return (self._count, *self._values.shape[1:])
+
+    @property
+    def dtype(self) -> Any:
+        """The array's."""
+        return self._values.dtype
+
+    def __getitem__(self, rows: slice, /) -> Any:
+        """Rows first to last, the step 1."""
+        first, last, _ = rows.indices(self._count)
+        return self._values[first:last]
 
 
 def percentile(values: Rows, share: float) -> float:

@@ -9,12 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp import dualquaternion as dq
+from rcmqp.behaviour import Behaviour, Standstill, standstill
 from rcmqp.contour import Contour
 from rcmqp.dualquaternion import Array
-from rcmqp.extent import Extent, percentile
+from rcmqp.extent import Extent, FirstRows, percentile
 from rcmqp.jerk import JerkRatio
+from rcmqp.operators import Steered
+from rcmqp.paths import Foreign
 from rcmqp.run import Run
 from rcmqp.run_file import Recording
+from rcmqp.scenario import Scenario
 from rcmqp.scene import clearance
 
 SATURATED = 1.0 - 1e-6
@@ -26,6 +30,15 @@ ROUNDING = 1e-9
 SMALL = 1e-4
 """Below it, decimal places say too little of a number."""
 
+ERRORS = {"tip": "mm", "effector": "mm", "rcm": "mm", "orientation": "mrad"}
+"""What has an rms, a largest value and a 95th percentile, and its unit."""
+
+NOTHING = 1e-6
+"""Below it, a measure of AFTER_THE_STOP is shown as 0 [mm], [s], [1]."""
+
+AFTER_THE_STOP = ("reference_end_s", "overshoot_max_mm", "settling_time_s", "swing_ratio_end")
+"""Measures that are NaN if the reference does not stop."""
+
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
@@ -36,11 +49,17 @@ class Metrics:
     compared with where they were asked to be at the same instant, before the step; the RCM error
     is the distance from the trocar to the shaft's axis.
 
+    A run may go on after its path has ended. Then rms and p95 are of the time until
+    ``errors_until_s``, so that rest is not averaged in; all else is of the whole run. The last
+    measures, from ``reversals_in_a_row`` on, are defined in behaviour.Behaviour.
+
     Attributes:
         contour_rms_mm, contour_max_mm: distance of the tip from its path, the curve of the desired
             tip seen from the trocar, whenever it was asked to be there; see Contour.
         lag_max_s: how late the tip is on its path, whether it falls behind the reference or a
             governor slows the reference down; see Contour.
+        errors_until_s: when the path ended, or the reference or the trocar last moved if that is
+            later; the end of the run if that is earlier, and on steered paths.
         depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
         tilt_max_mrad: largest angle of the shaft from the trocar's axis.
         speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
@@ -56,6 +75,19 @@ class Metrics:
             to surface; negative inside one, inf where there is none.
         singular_value_min: least singular value of the effector's geometric Jacobian [m, rad].
         tip_speed_rms_mm_s: of the desired tip; the law's lag is this over K.
+        reversals_in_a_row: most cycles in a row in which one joint turns round, at above 1 % of
+            its speed limit.
+        reversals: cycles in which a joint does.
+        step_ratio_max: largest change of a commanded joint speed from one cycle to the next, from
+            rest at first, over the joint's speed limit.
+        swing_ratio_end: largest range of a commanded joint speed over the last second, over the
+            joint's speed limit. It is of the time after reference and trocar have stopped, and NaN
+            if they do not.
+        overshoot_max_mm: how far the tip goes past the place where reference and trocar have
+            stopped; NaN if they do not.
+        settling_time_s: from when the reference stops, seen from the trocar, until the tip error
+            is below 1 mm for good; inf if it never is, NaN if the reference does not stop.
+        reference_end_s: when the reference stops, seen from the trocar; NaN if it does not.
     """
 
     tip_rms_mm: float
@@ -86,29 +118,45 @@ class Metrics:
     tip_speed_rms_mm_s: float
     solve_time_median_us: float
     solve_time_p99_us: float
+    errors_until_s: float
+    reversals_in_a_row: float
+    reversals: float
+    step_ratio_max: float
+    swing_ratio_end: float
+    overshoot_max_mm: float
+    settling_time_s: float
+    reference_end_s: float
 
 
 def compute_metrics(run: Recording) -> Metrics:
     """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
     contour = Contour(run)
     found: defaultdict[str, Extent] = defaultdict(Extent)
+    asked: defaultdict[str, Extent] = defaultdict(Extent)
+    scenario = run.head.scenario
+    stop = standstill(run.column("x_d"), run.column("pivot"))
+    left = count = _rows_asked(scenario, stop)
+    behaviour = Behaviour(stop, scenario.period)
     before: Run | None = None
     jerk = JerkRatio()
     for part in run.parts():
         found["jerk_ratio"].add(jerk.of(part))
+        late = max(0, len(part.time) - max(0, left))
+        left -= len(part.time)
         for name, channel in (_measures(part, before) | contour.measure(part)).items():
             found[name].add(channel)
+            asked[name].add(channel[: max(0, len(channel) - late)])
+        behaviour.add(part.v, part.velocity_limit, part.tip, part.tip_d)
         before = part
     has_limit = np.isfinite(part.acceleration_limit).any()
     has_jerk_limit = np.isfinite(part.jerk_limit).any()
     values = {
-        **_summary(run, "tip", "mm", found),
-        "contour_rms_mm": 1e3 * found["contour"].rms,
+        "errors_until_s": scenario.period * (count - 1),
+        **_errors(run, count, found, asked),
+        "contour_rms_mm": 1e3 * asked["contour"].rms,
         "contour_max_mm": 1e3 * found["contour"].high,
         "lag_max_s": found["lag"].high,
-        **_summary(run, "effector", "mm", found),
-        **_summary(run, "rcm", "mm", found),
-        **_summary(run, "orientation", "mrad", found),
+        **behaviour.summary(),
         "depth_min_mm": 1e3 * found["depth"].low,
         "depth_max_mm": 1e3 * found["depth"].high,
         "tilt_max_mrad": 1e3 * found["tilt"].high,
@@ -119,7 +167,7 @@ def compute_metrics(run: Recording) -> Metrics:
         "limit_margin_min_rad": found["margin"].low,
         "obstacle_distance_min_mm": 1e3 * found["obstacle"].low,
         "singular_value_min": found["singular_value"].low,
-        "tip_speed_rms_mm_s": 1e3 * found["tip_speed"].rms,
+        "tip_speed_rms_mm_s": 1e3 * asked["tip_speed"].rms,
         "solve_time_median_us": 1e6 * percentile(run.column("solve_time"), 50),
         "solve_time_p99_us": 1e6 * percentile(run.column("solve_time"), 99),
     }
@@ -134,9 +182,8 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
     acceleration = np.abs(np.diff(part.v, axis=0, prepend=v)) / part.period
     acceleration_ratio = (acceleration / part.acceleration_limit).max(axis=-1)
     tip_velocity = np.diff(np.concatenate([tip_d, part.tip_d]), axis=0) / part.period
-    errors = ("tip", "effector", "rcm", "orientation")
     return {
-        **{name: getattr(part, f"{name}_error") for name in errors},
+        **{name: getattr(part, f"{name}_error") for name in ERRORS},
         **{name: getattr(part, name) for name in ("depth", "tilt", "singular_value")},
         "speed_ratio": speed_ratio,
         "acceleration_ratio": acceleration_ratio,
@@ -161,18 +208,38 @@ def against_limit(ratio: float, style: str = ".3g", *, assumed: bool = False) ->
     return "no limit" if np.isnan(ratio) else readable(ratio, style) + mark
 
 
+def after_the_stop(value: float, style: str = ".3g") -> str:
+    """A measure of AFTER_THE_STOP, for people.
+
+    "no stop" if it is NaN, "never" if infinite, 0 if it is below ``NOTHING``, by rounding.
+    """
+    if np.isnan(value):
+        return "no stop"
+    return "never" if np.isinf(value) else format(value if value >= NOTHING else 0.0, style)
+
+
 def obstacle_distance(run: Run) -> Array:
     """Distance (n,) of the instrument from the nearest obstacle [m], see scene.clearance()."""
     shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
     return clearance(run.scenario.obstacles, run.scenario.instrument, run.tip, shaft)
 
 
-def _summary(
-    run: Recording, name: str, unit: str, found: Mapping[str, Extent]
+def _rows_asked(scenario: Scenario, stop: Standstill) -> int:
+    """Number of a run's rows until its path has ended, see Metrics; all of a steered one."""
+    path, last = scenario.path, stop.rows - 1
+    if isinstance(path, Steered) or (isinstance(path, Foreign) and not path.duration):
+        return last + 1
+    return min(last, max(round(path.duration / scenario.period), stop.both)) + 1
+
+
+def _errors(
+    run: Recording, count: int, found: Mapping[str, Extent], asked: Mapping[str, Extent]
 ) -> dict[str, float]:
-    """rms, largest and 95th percentile of an error, in a thousandth of its unit."""
-    return {
-        f"{name}_rms_{unit}": 1e3 * found[name].rms,
-        f"{name}_max_{unit}": 1e3 * found[name].high,
-        f"{name}_p95_{unit}": 1e3 * percentile(run.column(f"{name}_error"), 95),
-    }
+    """Of each error's first ``count`` rows rms and 95th percentile; of all the largest."""
+    values = {}
+    for name, unit in ERRORS.items():
+        rows = FirstRows(run.column(f"{name}_error"), count)
+        values[f"{name}_rms_{unit}"] = 1e3 * asked[name].rms
+        values[f"{name}_max_{unit}"] = 1e3 * found[name].high
+        values[f"{name}_p95_{unit}"] = 1e3 * percentile(rows, 95)
+    return values

@@ -9,6 +9,7 @@ from pathlib import Path
 
 SIMULATION = Path(__file__).parent.parent / "benchmarks" / "simulation.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
+REST = Path(__file__).parent.parent / "benchmarks" / "rest.py"
 CASES = ("dual_quaternion", "RCM > tip > posture", "pose > posture")
 
 
@@ -54,3 +55,24 @@ def test_what_simulate_adds_is_a_row_for_each_law() -> None:
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
     assert [row[0] for row in rows] == ["dual_quaternion", "hierarchical_qp"]
     assert all(len(row) == 4 and float(row[1]) > 0.0 for row in rows)
+
+
+def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> None:
+    """The same draws for every controller, and the fault of a law that knows no limits."""
+    options = ["--runs", "1", "--arms", "meka_a2", "--no-scenarios", "--controllers"]
+    done = subprocess.run(
+        [sys.executable, REST, *options, "dual_quaternion", "hierarchical_qp"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = [line.strip("| ").split(" | ") for line in done.stdout.splitlines() if "|" in line]
+    rows = [row for row in lines if row[0] in ("dual_quaternion", "hierarchical_qp")]
+    given, hard, drawn = rows[:2], rows[2:4], rows[4:]
+    assert [row[1] for row in given] == ["no", "always"]
+    assert [row[:3] for row in hard] == [
+        [name, "meka_a2", "(0.0, 0.7, 0.0, 0.0)"]
+        for name in ("dual_quaternion", "hierarchical_qp")
+    ]
+    assert [row[1:3] for row in drawn] == [["meka_a2", "1"]] * 2
+    assert len(rows) == 6

@@ -29,6 +29,7 @@ from rcmqp.cli import main
 from rcmqp.console import _summary, warnings
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.governor import Governor
+from rcmqp.metrics import AFTER_THE_STOP
 
 Call: TypeAlias = Callable[..., tuple[int, str, str]]
 
@@ -45,6 +46,12 @@ PROMISED_METRICS = {  # names that others script against
     "singular_value_min",
     "solve_time_median_us",
     "solve_time_p99_us",
+    "errors_until_s",
+    "reversals_in_a_row",
+    "step_ratio_max",
+    "swing_ratio_end",
+    "overshoot_max_mm",
+    "settling_time_s",
 }
 SHORT = ("run", "conical_helix", "--duration", "0.1", "--period", "0.01")
 
@@ -116,6 +123,8 @@ def test_run_prints_one_json_object_with_the_promised_names(call: Call) -> None:
     assert set(found["metrics"]) >= PROMISED_METRICS
     assert found["metrics"].pop("obstacle_distance_min_mm") is None  # there is no obstacle
     assert found["assumed"] == ["acceleration", "jerk"]
+    for name in AFTER_THE_STOP:
+        assert found["metrics"].pop(name) is None  # the helix goes on to the end
     assert all(isinstance(value, float) for value in found["metrics"].values())
 
 

@@ -11,7 +11,7 @@ from helpers import assert_allclose
 
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.dualquaternion import from_rotation
-from rcmqp.metrics import against_limit
+from rcmqp.metrics import AFTER_THE_STOP, against_limit
 from rcmqp.scene import Sphere
 
 
@@ -88,6 +88,14 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         tip_speed_rms_mm_s=10.0 / math.sqrt(3.0),  # sqrt((36 + 64 + 0) / 3)
         solve_time_median_us=3.0,
         solve_time_p99_us=101.0 - 0.03 * 97.0,
+        errors_until_s=1.5,  # the helix would go on
+        reversals_in_a_row=2.0,  # joint one, 0.1 to -0.4 to 0.1
+        reversals=2.0,  # joint two turns round in the second of them
+        step_ratio_max=1.0,  # joint one by -0.5 of 0.5, joint two by -4 of 4
+        swing_ratio_end=1.0,  # joint two from 1 to -3
+        overshoot_max_mm=5.0,  # the tip stays, the desired one goes: of x_d, which stands still
+        settling_time_s=math.inf,
+        reference_end_s=0.0,
     )
     found = compute_metrics(small)
     for field in dataclasses.fields(Metrics):
@@ -178,10 +186,11 @@ def test_metrics_come_from_the_recorded_channels_alone() -> None:
     assert run.digest == before
 
 
-def test_a_run_of_one_row_lacks_only_the_tips_speed(small: Run) -> None:
+def test_a_run_of_one_row_lacks_the_tips_speed_and_a_rest(small: Run) -> None:
     one = small.with_rows({name: rows[:1] for name, rows in small.rows().items()}, {}, {})
     found = dataclasses.asdict(compute_metrics(one))
-    assert [name for name, value in found.items() if math.isnan(value)] == ["tip_speed_rms_mm_s"]
+    missing = {name for name, value in found.items() if math.isnan(value)}
+    assert missing == {"tip_speed_rms_mm_s", *AFTER_THE_STOP}
     assert (found["tip_rms_mm"], found["tip_p95_mm"], found["depth_min_mm"]) == (1.0, 1.0, 100.0)
 
 

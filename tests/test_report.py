@@ -163,10 +163,10 @@ def test_names_are_text_wherever_they_stand(runs: list[Run], tmp_path: Path) -> 
     shown = html.unescape(re.sub("<[^>]*>", "", page))
     title = f"{name} on Schunk LWA3"
     assert shown.count(title) == 2  # the section's title, and the list of versions
-    assert shown.count(name) == 2 + 2 + 4  # the page's own title, twice; the table
+    assert shown.count(name) == 2 + 2 + 2 * 4  # the page's own title, twice; two tables
     assert f"{title}: 0.3 s, sampled every 10 ms; seed 5; ![i](v.png) 1" in shown
     for label in (f"{law}, {option} = [1]", f"{law}, {option} = [2]"):
-        assert shown.count(" ".join(label.split())) == 2  # below the trajectories; the table
+        assert shown.count(" ".join(label.split())) == 3  # below the trajectories; two tables
     assert f"# slow.h5: made in Python, its {option!r} were given there" in shown
     assert f"objective={fence['objective']}' --out other.h5" in shown
     written = MarkdownIt().render((tmp_path / "report.md").read_text())

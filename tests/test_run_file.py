@@ -16,7 +16,7 @@ from rcmqp.console import warnings
 from rcmqp.controllers import Controller
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import RunFileError
-from rcmqp.extent import Extent, percentile
+from rcmqp.extent import Extent, FirstRows, percentile
 from rcmqp.head import SIGNATURE
 from rcmqp.run_file import RunFile
 from rcmqp.simulate import record
@@ -132,6 +132,11 @@ def test_a_percentile_in_blocks_is_numpys_to_the_bit(
     np.testing.assert_array_equal(
         percentile(values, share), np.percentile(values, share)
     )  # NaN is NaN
+    for count in (1, 63, 64, 65, 119, 1000):
+        first = FirstRows(values, count)
+        np.testing.assert_array_equal(
+            percentile(first, share), np.percentile(values[:count], share)
+        )
 
 
 # Killed half way ---------------------------------------------------------------------------

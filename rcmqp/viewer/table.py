@@ -5,13 +5,14 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Iterable, Sequence
 
-from rcmqp.metrics import Metrics, against_limit, compute_metrics
+from rcmqp.metrics import Metrics, after_the_stop, against_limit, compute_metrics
 from rcmqp.palette import colour, dash
 from rcmqp.run import Run
 
 SPEED = "joint speed over its limit, max"
 
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
+    ("rms until [s]", lambda m: f"{m.errors_until_s:.4g}"),
     ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.3g}"),
     ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.3g}"),
     ("contour error, rms [mm]", lambda m: f"{m.contour_rms_mm:.3g}"),
@@ -20,11 +21,21 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     ("RCM error, rms [mm]", lambda m: f"{m.rcm_rms_mm:.3g}"),
     ("RCM error, max [mm]", lambda m: f"{m.rcm_max_mm:.3g}"),
     ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
+    ("orientation error, max [mrad]", lambda m: f"{m.orientation_max_mrad:.3f}"),
     ("depth of the tip [mm]", lambda m: f"{m.depth_min_mm:.1f} to {m.depth_max_mm:.1f}"),
     (SPEED, lambda m: f"{m.speed_ratio_max:.3f}"),
     ("margin to joint limits, least [rad]", lambda m: f"{m.limit_margin_min_rad:.3f}"),
     ("singular value, least", lambda m: f"{m.singular_value_min:.4f}"),
     ("tip speed asked for, rms [mm/s]", lambda m: f"{m.tip_speed_rms_mm_s:.1f}"),
+    ("cycles in a row in which a joint turns round", lambda m: f"{m.reversals_in_a_row:.0f}"),
+    ("step of a joint's speed over its limit, max", lambda m: f"{m.step_ratio_max:.3f}"),
+    ("reference stops [s]", lambda m: after_the_stop(m.reference_end_s, ".4g")),
+    ("tip past its end, max [mm]", lambda m: after_the_stop(m.overshoot_max_mm)),
+    ("tip below 1 mm for good, after [s]", lambda m: after_the_stop(m.settling_time_s)),
+    (
+        "swing of a joint over its speed limit, at the end",
+        lambda m: after_the_stop(m.swing_ratio_end),
+    ),
     ("controller step, median [\u00b5s]", lambda m: f"{m.solve_time_median_us:.0f}"),
 )
 

@@ -1,0 +1,162 @@
+"""The metrics of a run's file again, by loops over its numbers, with nothing of rcmqp."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+
+def path_duration(path: dict[str, Any]) -> float:
+    """How long a path takes [s], by what its numbers mean."""
+    if path["kind"] == "view_moves":
+        return float(len(path["views"]) * (path["move"] + path["dwell"]))
+    if path["kind"] == "view_steps":
+        return float(len(path["views"]) * path["dwell"])
+    return float(path["duration"])
+
+
+def hamilton(a: Any, b: Any) -> Any:
+    w = a[0] * b[0] - a[1:] @ b[1:]
+    return np.concatenate([[w], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
+
+
+def conjugate(a: Any) -> Any:
+    return a * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def place(x: Any) -> Any:
+    return 2.0 * hamilton(x[4:], conjugate(x[:4]))[1:]
+
+
+def shaft(x: Any) -> Any:
+    z = np.array([0.0, 0.0, 0.0, 1.0])
+    return hamilton(hamilton(x[:4], z), conjugate(x[:4]))[1:]
+
+
+def turn(x: Any, y: Any) -> float:
+    between = hamilton(conjugate(x[:4]), y[:4])
+    return float(2.0 * math.atan2(np.linalg.norm(between[1:]), abs(between[0])))
+
+
+def metrics_of(file: Path) -> dict[str, float]:
+    with h5py.File(file) as data:
+        run = {name: np.array(data[name]) for name in data if isinstance(data[name], h5py.Dataset)}
+        scenario = json.loads(data.attrs["scenario"])
+    return {**errors(run, scenario), **limits(run, scenario), **over_time(run, scenario)}
+
+
+def stops(run: dict[str, Any]) -> tuple[int, int]:
+    """Rows from which on the reference stands still seen from the trocar, and the trocar does."""
+    n = len(run["time"])
+    seen = [place(x) - p for x, p in zip(run["x_d"], run["pivot"], strict=True)]
+    reference = trocar = n - 1
+    while reference and (
+        np.linalg.norm(seen[reference - 1] - seen[-1]) < 1e-12
+        and turn(run["x_d"][reference - 1], run["x_d"][-1]) < 1e-12
+    ):
+        reference -= 1
+    while trocar and np.linalg.norm(run["pivot"][trocar - 1] - run["pivot"][-1]) < 1e-12:
+        trocar -= 1
+    return reference, trocar
+
+
+def errors(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
+    """rms and 95th percentile while the path lasts, and the largest of all."""
+    T, n = scenario["period"], len(run["time"])
+    ends = path_duration(scenario["path"])
+    last = min(n - 1, max(round(ends / T), *stops(run)))
+    rows = list(zip(run["x"], run["x_d"], run["pivot"], run["tip"], run["tip_d"], strict=True))
+    channels: dict[str, list[Any]] = {
+        "tip_{}_mm": [1e3 * np.linalg.norm(tip - tip_d) for _, _, _, tip, tip_d in rows],
+        "effector_{}_mm": [1e3 * np.linalg.norm(place(x) - place(y)) for x, y, _, _, _ in rows],
+        "rcm_{}_mm": [
+            1e3 * np.linalg.norm(np.cross(pivot - place(x), shaft(x)))
+            for x, _, pivot, _, _ in rows
+        ],
+        "orientation_{}_mrad": [1e3 * turn(x, y) for x, y, _, _, _ in rows],
+    }
+    found = {"errors_until_s": run["time"][last]}
+    for name, values in channels.items():
+        asked = np.sort(values[: last + 1])
+        place_of_95 = 0.95 * last
+        low = math.floor(place_of_95)
+        high = min(low + 1, last)
+        found[name.format("rms")] = math.sqrt(sum(value**2 for value in asked) / (last + 1))
+        found[name.format("max")] = max(values)
+        found[name.format("p95")] = asked[low] + (place_of_95 - low) * (asked[high] - asked[low])
+    tips = run["tip_d"]
+    speeds = [1e3 * np.linalg.norm(tips[k + 1] - tips[k]) / T for k in range(last)]
+    found["tip_speed_rms_mm_s"] = math.sqrt(sum(speed**2 for speed in speeds) / last)
+    depths = [1e3 * (tip - pivot) @ shaft(x) for x, _, pivot, tip, _ in rows]
+    axis = np.array(scenario["trocar"]["axis"])
+    tilts: list[float] = [
+        math.atan2(np.linalg.norm(np.cross(axis, shaft(x))), axis @ shaft(x)) for x in run["x"]
+    ]
+    found |= {"depth_min_mm": min(depths), "depth_max_mm": max(depths)}
+    return found | {"tilt_max_mrad": 1e3 * max(tilts)}
+
+
+def limits(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
+    """Speeds, accelerations and positions against their limits."""
+    v, T = run["v"], scenario["period"]
+    before = np.vstack([0.0 * v[:1], v[:-1]])
+    change = np.abs(v - before)
+    has = np.isfinite(run["acceleration_limit"]).any()
+    acceleration = (change / T / run["acceleration_limit"]).max() if has else math.nan
+    margins = np.minimum(run["angles"] - run["lower"], run["upper"] - run["angles"])
+    return {
+        "speed_ratio_max": (np.abs(v) / run["velocity_limit"]).max(),
+        "acceleration_ratio_max": acceleration,
+        "limit_margin_min_rad": margins.min(),
+        "step_ratio_max": (change / run["velocity_limit"]).max(),
+    }
+
+
+def over_time(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
+    """Reversals, and how the run comes to rest."""
+    v, limit, T, n = run["v"], run["velocity_limit"], scenario["period"], len(run["time"])
+    most, cycles = 0, set()
+    for joint in range(v.shape[1]):
+        in_a_row = 0
+        for k in range(1, n):
+            now, before = v[k, joint], v[k - 1, joint]
+            slow = min(abs(now), abs(before)) <= 0.01 * limit[joint]
+            in_a_row = 0 if slow or now * before >= 0.0 else in_a_row + 1
+            most = max(most, in_a_row)
+            if in_a_row:
+                cycles.add(k)
+    reference, trocar = stops(run)
+    both = max(reference, trocar)
+    found = {
+        "reversals_in_a_row": most,
+        "reversals": len(cycles),
+        "swing_ratio_end": math.nan,
+        "overshoot_max_mm": math.nan,
+        "settling_time_s": math.nan,
+        "reference_end_s": math.nan,
+    }
+    error = run["tip"] - run["tip_d"]
+    far = np.linalg.norm(error, axis=1)
+    if (n - 1 - reference) * T > 0.1 - 1e-9:
+        settled = n
+        while settled > reference and far[settled - 1] < 1e-3:
+            settled -= 1
+        found["settling_time_s"] = math.inf if settled == n else (settled - reference) * T
+        found["reference_end_s"] = reference * T
+    if (n - 1 - both) * T > 0.1 - 1e-9:
+        last = v[max(both, n - 1 - round(1.0 / T)) :]
+        found["swing_ratio_end"] = ((last.max(axis=0) - last.min(axis=0)) / limit).max()
+        past = away = 0.0
+        direction = -error[both] / far[both] if far[both] else np.zeros(3)
+        arrived = [k for k in range(both, n) if far[k] < 1e-3]
+        for k in range(both, n):
+            past = max(past, float(error[k] @ direction))
+            if arrived and k >= arrived[0]:
+                away = max(away, far[k] - far[arrived[0] : k + 1].min())
+        found["overshoot_max_mm"] = 1e3 * max(past, away)
+    return found
