@@ -82,7 +82,7 @@ def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Referen
 def _numbers(values: ArrayLike) -> Array:
     try:
         return np.array(values, dtype=float, order="C")
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # an int beyond floats, too
         return np.array([np.nan])
 
 
