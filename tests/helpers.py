@@ -42,3 +42,9 @@ def robot_toml(name: str) -> dict[str, Any]:
     """What the registry says of an arm, read past rcmqp's own loader."""
     folder = importlib.resources.files("rcmqp.robots") / name
     return tomllib.loads((folder / "robot.toml").read_text(encoding="utf-8"))
+
+
+def across(J_local: Array, depth: float) -> Array:
+    """Velocity (2, nv) of the shaft's point at ``depth`` [m] from the effector, across it."""
+    nu, omega = J_local[:3], J_local[3:]
+    return np.array([nu[0] + depth * omega[1], nu[1] - depth * omega[0]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ import numpy as np
 
 from rcmqp._kernel import all_finite, record
 from rcmqp.arm import ArmState
-from rcmqp.braking import lateral, slower
+from rcmqp.braking import Brake
 from rcmqp.controllers.account import explained
 from rcmqp.controllers.checks import as_numbers, fault, is_usable
 from rcmqp.dualquaternion import Array
@@ -59,8 +60,9 @@ class Controller(abc.ABC):
 
     A step always answers, with numbers. Where a joint reading is not finite, the reference not
     finite or no pose, or the law finds no finite velocity, it answers with the safe stop: the
-    joints slow down as fast as the acceleration limits allow, the shaft staying on the trocar
-    where they let it, see slower(); the command says why, and the diagnostic ``safe_stop`` is 1.
+    joints slow down as fast as their limits of acceleration and jerk allow, the shaft staying on
+    the trocar where they let it, see Brake; the command says why, and the diagnostic ``safe_stop``
+    is 1.
     A derived class gives the law, in _step(), and need not look after any of this.
 
     Attributes:
@@ -119,6 +121,10 @@ class Controller(abc.ABC):
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer
 
+    @functools.cached_property
+    def _brake(self) -> Brake:
+        return Brake(self.insertion, self.period)
+
     @abc.abstractmethod
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """The law. State and reference are finite, and x_d is a pose; see step()."""
@@ -142,7 +148,7 @@ class Controller(abc.ABC):
         diagnostics: Mapping[str, float] | None = None,
         account: object | None = None,
     ) -> Command:
-        """The named safe stop, see slower(), with the reason for it.
+        """The named safe stop, see Brake, with the reason for it.
 
         Args:
             state: of the arm.
@@ -151,9 +157,9 @@ class Controller(abc.ABC):
             account: as in Command.
         """
         numbers = dict.fromkeys(self.diagnostics, math.nan) | dict(diagnostics or {})
-        depth = float(state.oMe.actInv(np.array(self.insertion.trocar.pivot))[2])
-        rows = lateral(state.J_local, depth)
-        v = slower(self.insertion.arm, state.angles, state.v, self.period, rows)
+        brake = self._brake
+        brake.reset()
+        v = brake.velocity(state.angles, state.v, state.a, state)
         return Command(v, numbers | {"safe_stop": 1.0}, account, reason)
 
 

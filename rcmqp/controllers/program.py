@@ -13,7 +13,6 @@ from rcmqp import _kernel
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
 from rcmqp.limits import JointLimits, Limit
-from rcmqp.limits.joints import joint_table
 from rcmqp.tasks import Task, Together
 
 LevelOfTasks: TypeAlias = Task | Together
@@ -31,7 +30,7 @@ class Program:
         ends: (levels + 1,) where each level's rows end; the last is the rest.
         damping: (levels + 1,) of each level; the rest's is zero.
         limits: (limits, LIMIT_NUMBERS) kind, parameters.
-        joints: (JOINT_NUMBERS, nv) see limits.joints.joint_table().
+        joints: (JOINT_NUMBERS, nv) the table of the joints' limits; zeros without any.
         rows: how many hard rows there are.
         names: of the joints, then of the rows.
     """
@@ -71,11 +70,11 @@ class Program:
                 vectors.append([*given, *[np.zeros(nv)] * (2 - len(given))])
             ends.append(sum(_ROWS.get(int(numbers[0]), nv) for numbers in tasks))
         lines = [limit.program() if _own(limit) else None for limit in limits]
-        arms = [limit.arm for limit in limits if isinstance(limit, JointLimits)]
-        if None in lines or any(other.joints != arm.joints for other in arms):
+        boxes = [limit for limit in limits if isinstance(limit, JointLimits)]
+        if None in lines or any(box.arm.joints != arm.joints for box in boxes):
             return None
-        its = arms[0] if arms else arm
-        if any(not np.array_equal(joint_table(other), joint_table(its)) for other in arms):
+        joints = boxes[0].table if boxes else np.zeros((_kernel.JOINT_NUMBERS, nv))
+        if any(not np.array_equal(box.table, joints) for box in boxes):
             return None
         table = np.zeros((len(lines), _kernel.LIMIT_NUMBERS))
         for row, line in zip(table, lines, strict=True):
@@ -90,7 +89,7 @@ class Program:
             np.array([*ends, size], dtype=np.int64),
             np.array([*(level.speed_damping for level in levels), 0.0]),
             table,
-            joint_table(its),
+            joints,
             len(names),
             (*arm.joints, *names),
         )

@@ -13,9 +13,6 @@
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
 
-/* limits/joints.py: NEAR_SHARE */
-#define NEAR_SHARE 0.8
-
 #define PI 3.14159265358979323846
 
 /* R a and R^T a of a rotation (3, 3) */
@@ -306,29 +303,15 @@ static double pace(double gain, double A, double s)
     return copysign(sqrt(2.0 * A * size - A / gain * (A / gain)), s);
 }
 
-/* The room that speed limits near a position limit take of it; limits/joints.py: _kept() */
-static double kept(double offset, double k, double deceleration, double T)
-{
-    if (!(k < INFINITY)) return 0.0;
-    const double slope = offset / k + 0.5 * T;
-    return offset * offset / (2.0 * k)
-           + slope * slope * deceleration * k / (2.0 * (k - deceleration));
-}
-
-/* limits/joints.py: JointLimits; line: kind, period, margin, acceleration, braking, easing */
+/* limits/joints.py: JointLimits; line: kind, period */
 static void joint_box(const Cycle *cycle, const double *line, double *lower, double *upper)
 {
-    const int n = cycle->n, accelerate = line[3] != 0.0;
-    const double T = line[1], margin = line[2];
+    const int n = cycle->n;
     for (int i = 0; i < n; ++i) {
         const double *limit = cycle->joints + i, q = cycle->angles[i];
-        const double A = accelerate ? limit[3 * n] : INFINITY, k = limit[6 * n];
-        const double j = accelerate ? limit[4 * n] : INFINITY;
-        const double soft = smaller(line[4] * A, NEAR_SHARE * k);
-        const double near = kept(limit[5 * n], k, soft, T);
-        const Joint joint = {T, limit[2 * n], A, j, soft, line[5] * j};
-        const double below = q - larger(limit[0] + margin, limit[7 * n] + near);
-        const double above = smaller(limit[n] - margin, limit[8 * n] - near) - q;
+        const Joint joint = {line[1],      limit[2 * n], limit[3 * n],
+                             limit[4 * n], limit[5 * n], limit[6 * n]};
+        const double below = q - limit[0], above = limit[n] - q;
         double low, up;
         joint_interval(&joint, cycle->v[i], cycle->a[i], below == below ? below : INFINITY,
                        above == above ? above : INFINITY, &low, &up);

@@ -22,7 +22,7 @@ typedef enum {
 
 /* Kinds of limits, and what their line holds after the kind. */
 typedef enum {
-    JOINTS,       /* period, margin, whether accelerations count, braking, easing */
+    JOINTS,       /* period */
     TROCAR_CONE,  /* gain, deceleration, half angle, axis (3) */
     TROCAR_DEPTH, /* gain, deceleration, tip_depth, shallowest, deepest */
     KEEP_OUT,     /* gain, deceleration, centre (3), velocity (3), on trocar, radius with that of
@@ -31,7 +31,7 @@ typedef enum {
 
 #define LIMIT_NUMBERS 13
 
-#define JOINT_NUMBERS 9
+#define JOINT_NUMBERS 7
 
 /* What a cycle knows. */
 typedef struct {
@@ -45,9 +45,7 @@ typedef struct {
     const double *x_d_dot;   /* (8) */
     const double *pivot;     /* (3) */
     const double *pivot_dot; /* (3) */
-    const double *joints;    /* (JOINT_NUMBERS, n) lower and upper position, velocity, acceleration
-                                and jerk limits; near the position limits, offset, deceleration,
-                                lower, upper */
+    const double *joints;    /* (JOINT_NUMBERS, n) see limits/joints.py: JointLimits.table */
     double R[9], p[3];       /* the effector's placement, from x */
     double R_d[9], p_d[3], nu_d[3], omega_d[3]; /* the desired one's, and its twist */
 } Cycle;

@@ -20,6 +20,13 @@ NEAR_SHARE = 0.8
 """Share of the deceleration behind a speed limit near a position limit that braking counts on."""
 
 
+BEYOND = 2.0
+"""Nobody sent a command above so many times a limit."""
+
+FASTEST = 1e6
+"""A speed that no joint has, where no limit is given [rad/s]."""
+
+
 @dataclass(frozen=True, eq=False)
 class JointLimits(Limit):
     """Keep each joint inside its limits, now and in every cycle to come.
@@ -83,6 +90,7 @@ class JointLimits(Limit):
         easing: e as a share of the jerk limit.
         acceleration: whether to keep the limits of acceleration and jerk; without them a joint
             may stop within one cycle, and state.v and state.a are not looked at.
+        table: (JOINT_NUMBERS, nv) lowest and highest angle that a stop may end at, V, A, j, B, e.
 
     Raises:
         OptionError: an option is not allowed, or the arm's limits contradict themselves.
@@ -96,7 +104,7 @@ class JointLimits(Limit):
     acceleration: bool = True
     braking: float = 0.25
     easing: float = 0.25
-    _table: Array = field(init=False, repr=False)
+    table: Array = field(init=False, repr=False)
     _line: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -123,45 +131,61 @@ class JointLimits(Limit):
                     raise OptionError(
                         f"{joint} has {kind} limit {value:.4g}; it must be positive, inf for none"
                     )
-        object.__setattr__(self, "_table", joint_table(arm))
+        object.__setattr__(self, "table", self._made_table())
         line = np.zeros(_kernel.LIMIT_NUMBERS)
         line[: len(self.program())] = self.program()
         object.__setattr__(self, "_line", line)
 
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
         """The box; no rows. An angle that is NaN has no position limits."""
-        numbers = (
-            np.ascontiguousarray(values, dtype=float)
-            for values in (state.angles, state.v, state.a)
-        )
-        return Constraint.box(*_kernel.joint_bounds(self._line, self._table, *numbers))
+        return Constraint.box(*self.interval(state.angles, state.v, state.a))
+
+    def interval(self, angles: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """The box's lower and upper velocities (nv,), from angles, v' and a' (nv,)."""
+        numbers = (np.ascontiguousarray(values, dtype=float) for values in (angles, v, a))
+        return _kernel.joint_bounds(self._line, self.table, *numbers)
 
     def program(self) -> tuple[float, ...]:
-        """For compiled code."""
-        accelerations = float(self.acceleration)
-        return (
-            _kernel.JOINTS,
-            self.period,
-            self.margin,
-            accelerations,
-            self.braking,
-            self.easing,
+        """For compiled code; the rest is in the table."""
+        return (_kernel.JOINTS, self.period)
+
+    def _made_table(self) -> Array:
+        arm, T = self.arm, self.period
+        free = np.full(arm.nv, np.inf)
+        acceleration, jerk = (arm.acceleration, arm.jerk) if self.acceleration else (free, free)
+        lower, upper, B = (
+            arm.lower + self.margin,
+            arm.upper - self.margin,
+            self.braking * acceleration,
         )
+        near = getattr(arm, "speed_near_limits", None)
+        if near is not None:
+            o, k = np.array(near.offset), np.array(near.deceleration)
+            B = np.minimum(B, NEAR_SHARE * k)
+            room = o**2 / (2 * k) + (o / k + T / 2) ** 2 * B * k / (2 * (k - B))
+            lower, upper = (
+                np.maximum(lower, near.lower + room),
+                np.minimum(upper, near.upper - room),
+            )
+        table = np.array(
+            [lower, upper, arm.velocity, acceleration, jerk, B, self.easing * jerk], dtype=float
+        )
+        table.setflags(write=False)
+        return table
 
 
-def joint_table(arm: Arm) -> Array:
-    """An arm's limits (JOINT_NUMBERS, nv) for compiled code.
+def believed(arm: Arm, v: Array, a: Array, period: float) -> tuple[Array, Array]:
+    """Last command v (nv,) and its last change a (nv,) as JointLimits takes them.
 
-    Lower and upper position, velocity, acceleration and jerk limits; then, of speed limits near
-    the position limits, offset, deceleration (inf without), lower and upper angle.
+    A speed above twice the limit counts as at the limit, and a as zero then; an acceleration above
+    twice the limit counts as zero, and else as at most the limit.
     """
-    free = np.full(arm.nv, np.inf)
-    near = getattr(arm, "speed_near_limits", None)
-    if near is None:
-        rows = [np.zeros(arm.nv), free, -free, free]
-    else:
-        rows = [near.offset, near.deceleration, near.lower, near.upper]
-    return np.array([arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.jerk, *rows])
+    top = np.minimum(arm.velocity, FASTEST)
+    most = np.minimum(arm.acceleration, 2.0 * BEYOND * top / period)
+    absurd = np.abs(v) > BEYOND * top
+    none = absurd | (np.abs(a) > BEYOND * most)
+    v = np.where(absurd, np.copysign(top, v), v)
+    return v, np.where(none, 0.0, np.clip(a, -most, most))
 
 
 def braking_speed(distance: ArrayLike, deceleration: ArrayLike, period: float) -> Array:

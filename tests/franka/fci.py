@@ -8,14 +8,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
+from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 import pylibfranka
 from demands import PERIOD, TIP_DEPTH, Demand
 from numpy.typing import ArrayLike
 
-from rcmqp import Arm, Insertion, Instrument, Reference, ViewCommand, make_controller, view_pose
+from rcmqp import (
+    Arm,
+    Insertion,
+    Instrument,
+    Reference,
+    ViewCommand,
+    load_arm,
+    make_controller,
+    view_pose,
+)
+from rcmqp.arm_limits import SpeedNearLimits
 from rcmqp.controllers.base import Controller
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import rcm_error
@@ -42,17 +52,26 @@ def fr3(*, jerk: float = 5000.0) -> Arm:
     Args:
         jerk: its limit [rad/s^3]; infinite to leave it out.
     """
-    model = pin.buildModelFromUrdf(str(URDF))
     acceleration = 10.0 - MARGIN
-    model.velocityLimit -= MARGIN + LOST_IN_A_ROW * PERIOD * acceleration
-    return Arm(
-        model,
+    kept = MARGIN + LOST_IN_A_ROW * PERIOD * acceleration
+    limits = [
+        {**joint.find("limit").attrib, **joint.find("position_based_velocity_limits").attrib}
+        for joint in ElementTree.parse(URDF).iterfind("joint[@type='revolute']")
+    ]
+    lower, upper, speed, offset, deceleration = (
+        [float(limit[name]) for limit in limits]
+        for name in ("lower", "upper", "velocity", "velocity_offset", "deceleration_limit")
+    )
+    return load_arm(
+        URDF,
         "fr3_link8",
-        name="fr3",
         home=HOME,
-        acceleration=np.full(7, acceleration),
-        jerk=np.full(7, jerk - 1.0),  # the robot tells its velocity in single precision
-        urdf=URDF,
+        velocity=[each - kept for each in speed],
+        acceleration=acceleration,
+        jerk=jerk - 1.0,  # the robot tells its velocity in single precision
+        speed_near_limits=SpeedNearLimits(
+            tuple(each + kept for each in offset), tuple(deceleration), tuple(lower), tuple(upper)
+        ),
     )
 
 
