@@ -55,7 +55,7 @@ def fr3(*, jerk: float = 5000.0) -> Arm:
     acceleration = 10.0 - MARGIN
     kept = MARGIN + LOST_IN_A_ROW * PERIOD * acceleration
     limits = [
-        {**joint.find("limit").attrib, **joint.find("position_based_velocity_limits").attrib}
+        {name: value for part in joint for name, value in part.attrib.items()}
         for joint in ElementTree.parse(URDF).iterfind("joint[@type='revolute']")
     ]
     lower, upper, speed, offset, deceleration = (
