@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import lsq_linear, nnls
 
@@ -22,6 +23,8 @@ from rcmqp.dualquaternion import Array
 from rcmqp.qp.levels import Bounds, Level
 
 AT_BOUND = 1e-9
+NOTHING = 1e-14
+"""An entry of a row below this is rounding."""
 
 
 def constant(name: str) -> float:
@@ -178,7 +181,7 @@ def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
     lower[crossed] = upper[crossed] = 0.5 * (lower + upper)[crossed]
     n, exchange, found = lower.size, constant("EXCHANGE"), list[Stacked]()
     v, Z = np.clip(np.zeros(n), lower, upper), np.eye(n)[:, lower < upper]
-    H, h = np.zeros((0, n)), np.zeros(0)
+    H, h, strict = np.zeros((0, n)), np.zeros(0), np.zeros((0, n))
 
     def solved(A: Array, b: Array, damping: float) -> Stacked:
         speed = speed_rows(A, Z, damping)
@@ -200,11 +203,22 @@ def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
         if level.damping > 0.0:
             H = np.vstack([H, level.A / (exchange * level.damping)])
             h = np.concatenate([h, level.A @ v / (exchange * level.damping)])
-        elif Z.size:
-            largest = float(np.linalg.norm(level.A @ Z, 2))
-            if largest > constant("RESOLUTION"):
-                Z = Z @ null_space(level.A @ Z, rcond=constant("RESOLUTION") / largest)
+        else:
+            strict = np.vstack([strict, level.A])
+            Z = nothing_of(strict, lower < upper)
     return found
+
+
+def nothing_of(rows: Array, movable: NDArray[np.bool_]) -> Array:
+    """Orthonormal basis of what changes no row; joints that are in no row stand alone in it."""
+    count = rows.shape[1]
+    used = movable & (np.abs(rows).max(axis=0, initial=0.0) > NOTHING)
+    Z = np.eye(count)[:, movable & ~used]
+    largest = float(np.linalg.norm(rows[:, used], 2)) if used.any() else 0.0
+    if largest == 0.0:
+        return Z
+    inner = null_space(rows[:, used], rcond=constant("RESOLUTION") / largest)
+    return np.hstack([np.eye(count)[:, used] @ inner, Z])
 
 
 def proved(M: Array, c: Array, G: Array, h: Array) -> Array:
