@@ -92,9 +92,11 @@ def shaft_jacobian(state: ArmState, reference: Reference, tip_depth: float) -> t
     H = kinematic_hessian(state.J_local)
     r = state.oMe.actInv(reference.pivot)
     nu, omega = state.J_local[:3], state.J_local[3:]
-    seen = pin.skew(r) @ omega - nu
-    seen_dot = np.cross(seen[:, None, :], omega[:, :, None], axis=0)
-    seen_dot = seen_dot + np.einsum("ab,bij->aij", pin.skew(r), H[3:]) - H[:3]
+    shaft = np.diag([1.0, 1.0, 0.0])  # takes the spin out, as RcmTask does
+    r_dot, turned = pin.skew(r) @ omega - nu, shaft @ omega
+    seen = pin.skew(r) @ turned - nu
+    seen_dot = np.cross(r_dot[:, None, :], turned[:, :, None], axis=0)
+    seen_dot = seen_dot + np.einsum("ab,bij->aij", pin.skew(r) @ shaft, H[3:]) - H[:3]
     a = pin.skew(np.array([0.0, 0.0, tip_depth]))
     tip, tip_dot = nu - a @ omega, H[:3] - np.einsum("ab,bij->aij", a, H[3:])
     return np.vstack([seen[:2], tip]), np.concatenate([seen_dot[:2], tip_dot])

@@ -1,23 +1,38 @@
-"""Two oracles for strict hierarchies that share nothing with the solver.
+"""Oracles for hierarchies that share nothing with the solver.
 
 The certificate takes the answer and the raw problem and asks scipy's non-negative least squares
 for multipliers that prove each level's optimality (necessary and sufficient, as every level is
 convex). The primal oracle solves each level in the nullspace of those above, inside the box, as a
-least-distance problem by the same non-negative least squares.
+least-distance problem by the same non-negative least squares. The damped oracle does the same with
+the rows of speed and exchange that rcmqp/kernel/cascade.h defines stacked below the level's own.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import lsq_linear, nnls
 
+import rcmqp
 from rcmqp.dualquaternion import Array
 from rcmqp.qp.levels import Bounds, Level
 
 AT_BOUND = 1e-9
+NOTHING = 1e-14
+"""An entry of a row below this is rounding."""
+
+
+def constant(name: str) -> float:
+    """A number that compiled code is built with, from its sources."""
+    kernel = Path(rcmqp.__file__).parent / "kernel"
+    text = "".join(path.read_text(encoding="utf-8") for path in sorted(kernel.glob("*.[ch]")))
+    (found,) = re.findall(rf"#define {name} (\S+)", text)
+    return float(found)
 
 
 @dataclass(frozen=True)
@@ -131,3 +146,101 @@ def least_distance(M: Array, c: Array, G: Array, h: Array, eps: float) -> list[A
         exact = y + np.linalg.lstsq(G[active], h[active] - G[active] @ y)[0]
         found.append(exact + free @ np.linalg.lstsq(M @ free, c - M @ exact, rcond=1e-9)[0])
     return found
+
+
+@dataclass(frozen=True)
+class Stacked:
+    """One level of a damped hierarchy, as plain least squares over what is free.
+
+    Attributes:
+        M: (rows, n) the level's rows, those of the speed, those of the damped levels above.
+        c: (rows,)
+        Z: (n, free) basis of what strict levels above left free.
+        v: (n,) the optimum.
+    """
+
+    M: Array
+    c: Array
+    Z: Array
+    v: Array
+
+
+def speed_rows(A: Array, Z: Array, damping: float) -> Array:
+    """L Z^T, from the singular values of A Z: d where they are zero, d^3 / (d^2 + s^2)."""
+    if damping == 0.0:
+        return np.zeros((0, len(Z)))
+    _, s, Vt = np.linalg.svd(A @ Z)
+    s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
+    return np.asarray((Vt.T * (damping**3 / (damping**2 + s**2))) @ Vt @ Z.T)
+
+
+def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
+    """Every level of a damped hierarchy in a box, and the rest, solved one after the other."""
+    lower, upper = np.array(p.bounds.lower), np.array(p.bounds.upper)
+    crossed = lower > upper
+    lower[crossed] = upper[crossed] = 0.5 * (lower + upper)[crossed]
+    n, exchange, found = lower.size, constant("EXCHANGE"), list[Stacked]()
+    v, Z = np.clip(np.zeros(n), lower, upper), np.eye(n)[:, lower < upper]
+    H, h, strict = np.zeros((0, n)), np.zeros(0), np.zeros((0, n))
+
+    def solved(A: Array, b: Array, damping: float) -> Stacked:
+        speed = speed_rows(A, Z, damping)
+        M, c = np.vstack([A, speed, H]), np.concatenate([b, np.zeros(len(speed)), h])
+        best = v
+        if Z.size and np.linalg.norm(M @ Z) > 0.0:
+            room = np.concatenate([upper - v, v - lower])
+            best = v + Z @ proved(M @ Z, c - M @ v, np.vstack([Z, -Z]), room)
+        return Stacked(M, c, Z, best)
+
+    for k, level in enumerate((*p.levels, Level(np.eye(n), np.zeros(n)))):
+        one = solved(level.A, level.b, level.damping)
+        left = float(np.linalg.norm(level.A @ one.v - level.b))
+        if k < guarded and level.damping == 0.0 and left > constant("REACHED_TOL"):
+            damping = constant("UNREACHED_DAMPING") * left / (left + constant("UNREACHED"))
+            one = solved(level.A, level.b, damping)
+        found.append(one)
+        v = one.v
+        if level.damping > 0.0:
+            H = np.vstack([H, level.A / (exchange * level.damping)])
+            h = np.concatenate([h, level.A @ v / (exchange * level.damping)])
+        else:
+            strict = np.vstack([strict, level.A])
+            Z = nothing_of(strict, lower < upper)
+    return found
+
+
+def nothing_of(rows: Array, movable: NDArray[np.bool_]) -> Array:
+    """Orthonormal basis of what changes no row; joints that are in no row stand alone in it."""
+    count = rows.shape[1]
+    used = movable & (np.abs(rows).max(axis=0, initial=0.0) > NOTHING)
+    Z = np.eye(count)[:, movable & ~used]
+    largest = float(np.linalg.norm(rows[:, used], 2)) if used.any() else 0.0
+    if largest == 0.0:
+        return Z
+    inner = null_space(rows[:, used], rcond=constant("RESOLUTION") / largest)
+    return np.hstack([np.eye(count)[:, used] @ inner, Z])
+
+
+def proved(M: Array, c: Array, G: Array, h: Array) -> Array:
+    """min |M y - c| over G y <= h, where y = 0 is inside: the attempt with the best proof."""
+    h, size = np.maximum(h, 0.0), float(np.linalg.norm(M, 2))
+    found = [np.zeros(M.shape[1]), inequality(M, c, G, h)]
+    for share in (1e-4, 1e-6, 1e-8):
+        found += least_distance(M, c, G, h, share * size)
+    inside = [y for y in found if (G @ y <= h + 1e-13).all()]
+    return min(inside, key=lambda y: gap(M, M @ y - c, G[G @ y >= h - AT_BOUND]))
+
+
+def gap(M: Array, residual: Array, normals: Array) -> float:
+    """How far the best multipliers are from balancing the gradient, over the size of M."""
+    gradient = M.T @ residual / max(1.0, float(np.linalg.norm(M, 2)))
+    if not normals.size:
+        return float(np.linalg.norm(gradient))
+    return float(nnls(normals.T, -gradient, maxiter=1000)[1])
+
+
+def unproved(level: Stacked, v: Array, lower: Array, upper: Array) -> float:
+    """How far the best multipliers are from proving v optimal for a level of a box."""
+    n = v.size
+    at_box = [np.eye(n)[v >= upper - AT_BOUND], -np.eye(n)[v <= lower + AT_BOUND]]
+    return gap(level.M @ level.Z, level.M @ v - level.c, np.vstack(at_box) @ level.Z)

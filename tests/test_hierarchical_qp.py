@@ -51,7 +51,8 @@ def test_on_the_helix_tip_and_rcm_are_exact_to_second_order(arm: str) -> None:
 def test_when_the_arm_runs_out_of_speed_the_tip_lags_and_the_rcm_does_not_move(arm: str) -> None:
     run = ran(fast(arm, 3.5 if arm == "meka_a2" else 1.5), backend="active_set")
     found = compute_metrics(run)
-    assert found.saturated_share > 1 / 3
+    accelerations = found.acceleration_ratio_max
+    assert max(found.speed_ratio_max, accelerations if accelerations > 0.0 else 0.0) > 0.99
     assert found.tip_max_mm > 1.0
     assert found.rcm_max_mm < 0.01
     assert found.speed_ratio_max <= 1.0
@@ -115,8 +116,14 @@ def test_the_account_says_what_holds_each_level_back() -> None:
     assert isinstance(account, HierarchySolution)
     assert [level.name for level in account.levels] == ["rcm", "tip", "roll", "objective"]
     assert not account.levels[1].reached
-    assert set(account.blocking(account.levels[1])) <= set(account.active())
     assert set(account.active()) <= set(insertion.arm.joints)
+    for blocked in account.levels[1:]:  # later levels may leave a bound, by a little
+        for name, weight in account.blocking(blocked).items():
+            i = insertion.arm.joints.index(name)
+            bound = (account.upper if weight > 0.0 else account.lower)[i]
+            assert answer.v[i] == pytest.approx(bound, rel=1e-2)
+            shown = account.active().get(name)
+            assert shown in (None, "upper" if weight > 0.0 else "lower")
 
     rcm, tip, *_ = controller.report(state, answer).splitlines()
     assert rcm == "rcm: reached"
@@ -133,7 +140,7 @@ def test_the_account_says_what_holds_each_level_back() -> None:
     v = answer.v[insertion.arm.joints.index(heaviest)]
     assert abs(v) == pytest.approx(step, rel=1e-12)  # from rest, at 1 ms
     side = "upper" if v > 0 else "lower"
-    assert tip.startswith(f"tip: {short:.0f} mm/s short, held back by {heaviest} ({side} accel")
+    assert tip.startswith(f"tip: {short:.3g} mm/s short, held back by {heaviest} ({side} accel")
 
 
 @pytest.mark.parametrize(
@@ -155,16 +162,22 @@ def test_the_report_says_which_of_its_limits_a_joint_is_at(
     answer = controller.step(insertion.state(insertion.q_start, np.zeros(7)), reference)
     account = answer.account
     assert isinstance(account, HierarchySolution)
-    joint = next(iter(account.blocking(account.levels[1])))
-    i = arm.joints.index(joint)
-    v, v_before = answer.v.copy(), np.zeros(7)
-    v[i] = share * arm.velocity[i]
-    v_before[i] = before * arm.velocity[i]
+    joint, weight = next(iter(account.blocking(account.levels[1]).items()))
+    i, sign = arm.joints.index(joint), np.sign(weight)
+    bound, v_before = sign * share * arm.velocity[i], np.zeros(7)
+    v_before[i] = sign * before * arm.velocity[i]
     if limit == "acceleration limit":
-        v[i] = v_before[i] + T * arm.acceleration[i]
-    moved = dataclasses.replace(answer, v=v, account=dataclasses.replace(account, v=v))
-    report = controller.report(insertion.state(insertion.q_start, v_before), moved)
-    assert re.search(rf"tip: .* {joint} \((upper|lower) {limit}\)", report)
+        bound = v_before[i] + sign * T * arm.acceleration[i]
+    numbers = account._answer.numbers.copy()
+    numbers[i + (7 if weight > 0.0 else 0)] = bound  # lower, then upper
+    moved = dataclasses.replace(
+        account, _answer=dataclasses.replace(account._answer, numbers=numbers)
+    )
+    report = controller.report(
+        insertion.state(insertion.q_start, v_before), dataclasses.replace(answer, account=moved)
+    )
+    side = "upper" if weight > 0.0 else "lower"
+    assert re.search(rf"tip: .* {joint} \({side} {limit}\)", report)
 
 
 def test_wrong_options_are_refused_with_a_remedy() -> None:

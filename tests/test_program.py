@@ -96,9 +96,15 @@ def drawn(insertion: Insertion, rng: np.random.Generator) -> tuple[ArmState, Ref
 @pytest.mark.parametrize("cut", CUTS)
 @pytest.mark.parametrize("arm", ARMS)
 def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str) -> None:
+    """To rounding; to 1e-6 where the kinova's RCM cannot be reached.
+
+    There its joint 6, which spins the shaft, has an entry of 1e-12 in the RCM's rows, of which
+    rounding leaves four digits; levels that are not reached move it by 1e-6 rad/s for that.
+    """
     name = "conical_helix" if arm == "kinova" else "obstacle"
     insertion, rng, active = load_scenario(name, arm).insertion(), np.random.default_rng(7), 0
     levels, limits = CUTS[cut](insertion)
+    tight = 0
     held: set[str] = set()
     fused, plain = (
         HierarchicalQP(insertion, T, backend="active_set", levels=levels, limits=limits)
@@ -109,22 +115,27 @@ def test_compiled_rows_give_the_answer_of_the_rows_in_python(arm: str, cut: str)
     for _ in range(15):
         cycle = drawn(insertion, rng)
         answer, expected = fused.step(*cycle), plain.step(*cycle)
-        scale = max(1.0, float(np.abs(expected.v).max()))
-        assert_allclose(answer.v, expected.v, rtol=0, atol=1e-10 * scale)
         one, other = answer.account, expected.account
         assert isinstance(one, HierarchySolution)
         assert isinstance(other, HierarchySolution)
+        loose = arm == "kinova" and one.levels[0].name == "rcm" and not one.levels[0].reached
+        scale = max(1.0, float(np.abs(expected.v).max()))
+        assert_allclose(answer.v, expected.v, rtol=0, atol=(1e-6 if loose else 1e-10) * scale)
         assert one.names == other.names
         assert one.active() == other.active()
         for mine, theirs in zip(one.levels, other.levels, strict=True):
             assert mine.name == theirs.name
-            assert_allclose(mine.residual, theirs.residual, rtol=1e-9, atol=1e-9)
+            assert_allclose(
+                mine.residual, theirs.residual, rtol=1e-9, atol=1e-6 if loose else 1e-9
+            )
         assert answer.diagnostics.keys() == expected.diagnostics.keys()
         numbers, others = (list(found.diagnostics.values()) for found in (answer, expected))
-        assert_allclose(numbers, others, rtol=1e-9, atol=1e-9)
+        assert_allclose(numbers, others, rtol=1e-9, atol=5e-6 if loose else 1e-9)
+        tight += not loose
         active += answer.diagnostics["joints_at_limit"] > 0
         held |= one.active().keys() - set(insertion.arm.joints)
     assert active >= 3
+    assert tight >= 8
     assert held >= HELD.get(cut, set())
 
 

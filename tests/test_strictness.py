@@ -1,4 +1,4 @@
-"""hierarchical_qp on real arms is the lexicographic optimum; see benchmarks/strictness.py."""
+"""hierarchical_qp on real arms is the damped hierarchy's optimum; see benchmarks/strictness.py."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ COUNT = 40
 @pytest.mark.parametrize("arm", ARMS)
 def test_at_random_states_every_level_is_that_of_an_independent_exact_solution(arm: str) -> None:
     verdicts = [verdict(arm, seed) for seed in range(COUNT)]
+    reached = sum(found.reached for found in verdicts)
+    print(f"{arm}: {COUNT} states, in {COUNT - reached} of them the RCM's second answer")
     assert all(found.answered for found in verdicts)
+    assert max(found.unproved for found in verdicts) < 1e-10  # the oracle itself is right
+    assert max(found.apart for found in verdicts) < 1e-6
     assert np.max([found.differences for found in verdicts]) < 1e-6
-    assert max(found.unproved for found in verdicts) < 1e-8
     assert max(found.kkt for found in verdicts) < 1e-8
     assert np.mean([found.active for found in verdicts]) >= 0.5
-    assert np.mean([found.reached for found in verdicts]) >= 0.3  # the lower levels count, too
+    assert reached >= 0.3 * COUNT  # the lower levels count, too
+    assert reached < COUNT or arm == "ur5"

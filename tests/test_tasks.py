@@ -111,6 +111,18 @@ def arrays(residual: Residual) -> tuple[Array, Array, Array]:
     return residual.error, residual.jacobian, residual.drift
 
 
+def spun(m: Moment, v: Array, t: float) -> float:
+    """Angle that the effector turns about its own z until t [rad]: the twist after the swing."""
+    turn = pin.Quaternion(m.state(v, 0.0).oMe.rotation.T @ m.state(v, t).oMe.rotation)
+    return 2.0 * float(np.arctan2(turn.z, turn.w))
+
+
+def unspun(rows: Array, m: Moment, v: Array, t: float) -> Array:
+    """Two rows in the effector's axes at t, in axes that went along and did not spin."""
+    c, s = np.cos(spun(m, v, t)), np.sin(spun(m, v, t))
+    return np.asarray(np.array([[c, -s], [s, c]]) @ rows)
+
+
 @pytest.mark.parametrize("distance", [ON_TARGET, NEAR, FAR])
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("name", DERIVED)
@@ -123,7 +135,8 @@ def test_jacobian_and_drift_are_the_derivatives_of_the_error(
         found = task.evaluate(m.state(np.zeros(nv), 0.0), m.reference(0.0))
 
         def along(t: float, v: Array, task: Task = task, m: Moment = m) -> Array:
-            return task.evaluate(m.state(v, t), m.reference(0.0)).error
+            error = task.evaluate(m.state(v, t), m.reference(0.0)).error
+            return unspun(error, m, v, t) if task.name == "rcm" else error
 
         def in_time(t: float, task: Task = task, m: Moment = m, nv: int = nv) -> Array:
             return task.evaluate(m.state(np.zeros(nv), 0.0), m.reference(t)).error
@@ -191,6 +204,67 @@ def test_errors_are_what_pinocchio_measures(arm: str) -> None:
     task = make_task("posture", m.insertion)
     expected = pin.difference(m.insertion.arm.model, posture, m.q)
     assert_allclose(task.evaluate(state, reference).error, expected, rtol=0, atol=1e-12)
+
+
+OFF = [1e-9, 1e-6, 1e-4, 1e-2]
+"""RCM errors [m]."""
+
+
+@pytest.mark.parametrize("off", OFF)
+@pytest.mark.parametrize("arm", ["lwa3", "panda"])
+def test_a_spin_of_the_shaft_changes_neither_the_rcms_rows_nor_its_error(
+    arm: str, off: float
+) -> None:
+    """The last joint of these arms turns about the shaft: its column is zero to rounding."""
+    m = moment(arm, ON_TARGET)
+    away = np.array([0.6, -0.8, 0.0]) * off + np.array([0.0, 0.0, 0.05])
+    m.pivot, m.pivot_dot = m.insertion.state(m.q).oMe.act(away), np.zeros(3)
+    task, last = make_task("rcm", m.insertion, period=1e-3), np.eye(7)[-1]
+    first = task.evaluate(m.state(last, 0.0), m.reference(0.0))
+    assert np.linalg.norm(first.error) == pytest.approx(off, rel=1e-6)
+    assert np.abs(first.jacobian[:, -1]).max() < 1e-15
+    for angle in (1e-3, 0.5, -2.0):
+        found = task.evaluate(m.state(last, angle), m.reference(0.0))
+        assert spun(m, last, angle) == pytest.approx(angle, abs=1e-14)
+        for rows, before in zip(arrays(found), arrays(first), strict=True):
+            assert_allclose(unspun(rows, m, last, angle), before, rtol=0, atol=2e-15)
+    spinning = replace(m.insertion.state(m.q), v=3.0 * last)
+    drift = task.evaluate(spinning, m.reference(0.0)).drift
+    assert_allclose(drift, 0.0, rtol=0, atol=1e-16)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_distance_from_the_trocar_changes_as_the_rcms_rows_say(arm: str) -> None:
+    rng, m = np.random.default_rng(7), moment(arm, 0.05)
+    nv = m.insertion.arm.nv
+    found = task_for("rcm", m).evaluate(m.state(np.zeros(nv), 0.0), m.reference(0.0))
+    for _ in range(5):
+        v = rng.normal(size=nv)
+
+        def distance(t: float, v: Array = v) -> float:
+            return shaft_distance(m.state(v, t).oMe, m.reference(t).pivot)
+
+        towards = found.error / np.linalg.norm(found.error)
+        expected = towards @ (found.jacobian @ v + found.drift)
+        assert_allclose(derivative(distance, 1e-4), expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_rcms_second_order_is_the_rate_at_which_its_first_order_changes(arm: str) -> None:
+    rng, m, T = np.random.default_rng(7), moment(arm, 0.05), 1e-3
+    nv = m.insertion.arm.nv
+    v = rng.normal(size=nv)
+
+    def rate(t: float) -> Array:
+        found = task_for("rcm", m).evaluate(m.state(v, t), m.reference(t))
+        return unspun(found.jacobian @ v + found.drift, m, v, t)
+
+    state = replace(m.state(v, 0.0), v=v)
+    drifts = [
+        task_for("rcm", m, period=period).evaluate(state, m.reference(0.0)).drift
+        for period in (T, 0.0)
+    ]
+    assert_allclose(drifts[0] - drifts[1], 0.5 * T * derivative(rate), rtol=0, atol=1e-11)
 
 
 def test_the_pose_task_alone_is_the_papers_controller() -> None:

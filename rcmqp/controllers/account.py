@@ -14,7 +14,8 @@ MOST_NAMES = 3
 """Limits that a level's line names, the heaviest first."""
 
 TOUCHING = 1e-9
-"""How far a speed may be from a limit that it is at, relative to it; and a row, in its unit."""
+"""How far a bound may be from the limit that it comes from, relative to it; and by how much a row
+may be exceeded, in its unit."""
 
 NOISE = 1e-9
 """Share of the heaviest multiplier below which another is rounding."""
@@ -61,7 +62,9 @@ def _level(
         :MOST_NAMES
     ]:
         i = solution.names.index(name)
-        held.append(f"{name} ({_which(solution, i, arm, state, period)})" if i < arm.nv else name)
+        if i < arm.nv:
+            name += f" ({_which(solution, i, weights[name], arm, state, period)})"
+        held.append(name)
     why = f"held back by {', '.join(held)}" if held else "the rest is taken by the levels above"
     return f"{level.name}: {short} short, {why}{doubt}"
 
@@ -75,10 +78,12 @@ def _unit(name: str) -> str:
     return TASKS[name].unit if name in TASKS else ""
 
 
-def _which(solution: HierarchySolution, i: int, arm: Arm, state: ArmState, period: float) -> str:
-    """Which of its limits joint i is at."""
-    side = "upper" if solution.at_upper[i] else "lower"
-    v, change = abs(solution.v[i]), abs(solution.v[i] - state.v[i])
+def _which(
+    solution: HierarchySolution, i: int, weight: float, arm: Arm, state: ArmState, period: float
+) -> str:
+    """Which of joint i's limits has a multiplier; lower levels may have left it by a little."""
+    side, bound = ("upper", solution.upper) if weight > 0.0 else ("lower", solution.lower)
+    v, change = abs(bound[i]), abs(bound[i] - state.v[i])
     if math.isclose(v, arm.velocity[i], rel_tol=TOUCHING):
         return f"{side} speed limit"
     if math.isclose(change, period * arm.acceleration[i], rel_tol=TOUCHING):

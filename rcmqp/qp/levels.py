@@ -199,6 +199,16 @@ class HierarchySolution:
         return self._result(len(self._answer.info) - 1, "rest", self._answer.residual[-n:])
 
     @property
+    def lower(self) -> Array:
+        """(n,) the box as asked."""
+        return self._answer.lower
+
+    @property
+    def upper(self) -> Array:
+        """(n,)."""
+        return self._answer.upper
+
+    @property
     def at_lower(self) -> Flags:
         """(n,) unknowns at their lower bound."""
         return np.asarray(self._answer.touching[0, : self.v.size] > 0.0, dtype=bool)
