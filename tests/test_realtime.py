@@ -410,8 +410,8 @@ BEYOND: dict[str, tuple[dict[str, float], str]] = {
     ),
     "speed": (
         {"v": 2.1745, "before": 2.168, "a": 3.0},
-        "was to accelerate by law's command at 6.5 rad/s^2 and 2.175 rad/s, too much to stay below "
-        "2.175 rad/s; take",
+        "was to accelerate by law's command at 6.5 rad/s^2 and 2.175 rad/s, too much to stay "
+        "below 2.175 rad/s; take",
     ),
     "position": (
         {"v": 1.0, "before": 1.0, "a": 0.0, "room": 0.06},

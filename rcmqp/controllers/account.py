@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from rcmqp.arm import Arm, ArmState
+from rcmqp.limits.joints import JointLimits, braking_speed
 from rcmqp.qp import HierarchySolution, LevelResult
 from rcmqp.tasks import TASKS
 
@@ -57,12 +58,15 @@ def _level(
     weights = solution.blocking(level)
     heaviest = max(map(abs, weights.values()), default=0.0)
     held = []
-    for name in [x for x, weight in weights.items() if abs(weight) > NOISE * heaviest][
-        :MOST_NAMES
-    ]:
+    for name, weight in weights.items():
         i = solution.names.index(name)
-        held.append(f"{name} ({_which(solution, i, arm, state, period)})" if i < arm.nv else name)
-    why = f"held back by {', '.join(held)}" if held else "the rest is taken by the levels above"
+        touched = solution.at_upper[i] if weight > 0.0 else solution.at_lower[i : i + 1].any()
+        if touched and abs(weight) > NOISE * heaviest:
+            which = f" ({_which(solution, i, arm, state, period)})" if i < arm.nv else ""
+            held.append(name + which)
+    why = "the rest is taken by the levels above"
+    if held:
+        why = f"held back by {', '.join(held[:MOST_NAMES])}"
     return f"{level.name}: {short} short, {why}{doubt}"
 
 
@@ -78,9 +82,16 @@ def _unit(name: str) -> str:
 def _which(solution: HierarchySolution, i: int, arm: Arm, state: ArmState, period: float) -> str:
     """Which of its limits joint i is at."""
     side = "upper" if solution.at_upper[i] else "lower"
-    v, change = abs(solution.v[i]), abs(solution.v[i] - state.v[i])
-    if math.isclose(v, arm.velocity[i], rel_tol=TOUCHING):
-        return f"{side} speed limit"
-    if math.isclose(change, period * arm.acceleration[i], rel_tol=TOUCHING):
-        return f"{side} acceleration limit"
+    v, change = solution.v[i], (solution.v[i] - state.v[i]) / period
+    towards = 1.0 if solution.at_upper[i] else -1.0
+    room, easing = arm.velocity[i] - towards * state.v[i], JointLimits.easing * arm.jerk[i]
+    kinds = {
+        "speed": (abs(v), arm.velocity[i]),
+        "acceleration": (abs(change), arm.acceleration[i]),
+        "jerk": (abs(change - state.a[i]), period * arm.jerk[i]),
+        "speed ": (towards * change, float(braking_speed(room, easing, period))),  # ahead of it
+    }
+    for kind, (given, allowed) in kinds.items():
+        if math.isclose(given, allowed, rel_tol=TOUCHING):
+            return f"{side} {kind.strip()} limit"
     return f"{side} position limit"
