@@ -143,7 +143,7 @@ class Brake:
         """
         arm, T = self.insertion.arm, self.period
         v, a = believed(arm, known(v), known(a), T)
-        lower, upper = self._box(np.where(np.isfinite(angles), angles, np.nan), v, a)
+        lower, upper = self.box(angles, v, a)
         at_rest = (lower <= NOTHING) & (upper >= -NOTHING) & (np.abs(v) <= arm.jerk * T**2)
         if at_rest.all():
             return np.zeros(arm.nv)
@@ -174,9 +174,12 @@ class Brake:
         stops = np.where(fastest * j < A**2, ramps, fastest / A + A / j) + np.abs(a) / j
         return math.ceil(float(np.max(stops)) / T) + 3
 
-    def _box(self, angles: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Lower and upper velocities (nv,): what either box allows."""
-        found = []
+    def box(self, angles: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Lower and upper velocities (nv,) from which each joint can stop inside its limits.
+
+        Angles, v and a are those of velocity().
+        """
+        found, angles = [], np.where(np.isfinite(angles), angles, np.nan)
         for box in self._boxes:
             inside = np.clip(angles, box.table[0], box.table[1])  # NaN stays
             found.append(box.interval(inside, v, a))

@@ -8,12 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp.arm import Arm
+from rcmqp.braking import Brake
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, RcmqpError
+from rcmqp.limits.joints import braking_speed
 from rcmqp.reference import Reference
 
 SLACK = 1e-3
-"""Share of a speed limit that a command may be above it: a solver's tolerance, and cut off."""
+"""Share of a limit that a command may be above it: a solver's tolerance, and cut off."""
+
+FAST = "take hierarchical_qp, or velocity_limit=scale where the controller has that option"
+"""What to do about a command that is too fast."""
+
+ABRUPT = "take hierarchical_qp, which keeps the joints' limits, or give a smoother reference"
+"""What to do about a command that changes too much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +38,7 @@ class Stamped:
 
 
 class LoopFault(RcmqpError):
-    """A reference is too old, or a command too late or too fast, to be followed."""
+    """A reference is too old, or a command too late, too fast or too abrupt, to be followed."""
 
 
 def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
@@ -87,25 +95,78 @@ def check_stamp(newest: object, now: float, oldest: float, ahead: float) -> Stam
     return newest
 
 
-def as_command(v: ArrayLike, arm: Arm, controller: str) -> Array:
-    """Joint velocity (nv,) [rad/s] that a controller answered, read-only, inside speed limits.
+class CommandCheck:
+    """Looks at each command before it is sent: can the joints do it, and everything after it?
 
-    Raises:
-        InvalidCommand: it has another size, or is not finite.
-        LoopFault: a joint cannot move so fast.
+    A command may be what lies in the hard box of Brake at the last reading, from the last command
+    and its last change: the joint's limits of speed, acceleration and jerk, and a stop that ends
+    before its position limit. What is outside by less than SLACK of the change that a cycle
+    allows is cut off.
+
+    Attributes:
+        arm: whose limits.
+        controller: its name, for messages.
     """
-    command = np.array(v, dtype=float)
-    if command.shape != (arm.nv,) or not np.isfinite(command).all():
-        raise InvalidCommand(f"{controller} answered {command}, not {arm.nv} finite numbers")
-    if np.any(np.abs(command) > arm.velocity):
-        what = f"was to move by {controller}'s command"
-        remedy = (
-            "take hierarchical_qp, or velocity_limit=scale where the controller has that option"
+
+    def __init__(self, brake: Brake, controller: str) -> None:
+        self.arm, self.controller, self._brake = brake.insertion.arm, controller, brake
+
+    def passed(self, v: ArrayLike, angles: Array, before: Array, a: Array) -> Array:
+        """The command (nv,) [rad/s], read-only.
+
+        Args:
+            v: what the controller answered.
+            angles: (nv,) as read [rad].
+            before: (nv,) the last command [rad/s].
+            a: (nv,) its last change, over the period [rad/s^2].
+
+        Raises:
+            InvalidCommand: it has another size, or is not finite.
+            LoopFault: a joint cannot do that, or not stop in time any more.
+        """
+        arm, T = self.arm, self._brake.period
+        command = np.array(v, dtype=float)
+        if command.shape != (arm.nv,) or not np.isfinite(command).all():
+            raise InvalidCommand(
+                f"{self.controller} answered {command}, not {arm.nv} finite numbers"
+            )
+        lower, upper = self._brake.box(angles, before, a)
+        if np.any((command < lower) | (command > upper)):
+            check_speed(command, arm, f"was to move by {self.controller}'s command", FAST)
+            most = np.minimum(np.minimum(arm.acceleration, T * arm.jerk) * T, arm.velocity)
+            inside = np.clip(command, -arm.velocity, arm.velocity)
+            excess = np.maximum(inside - upper, lower - inside) - SLACK * most
+            if np.any(excess > 0.0):
+                k = int(np.argmax(excess / most))
+                raise LoopFault(self._words(k, inside[k], angles[k], before[k], a[k]))
+            command = np.clip(command, lower, upper)
+        command.setflags(write=False)
+        return command
+
+    def _words(self, k: int, v: float, angle: float, before: float, a: float) -> str:
+        """What joint k cannot do."""
+        arm, T = self.arm, self._brake.period
+        change, room = (v - before) / T, arm.velocity[k] - abs(before)
+        jerk, who = (change - a) / T, f"{arm.joints[k]} was to"
+        by = f"by {self.controller}'s command"
+        if abs(change) > (1.0 + SLACK) * arm.acceleration[k]:
+            what, given, allowed = "accelerate", f"{change:.4g} rad/s^2", arm.acceleration[k]
+            return f"{who} {what} {by} at {given}, allowed {allowed:.4g} rad/s^2; {ABRUPT}"
+        if abs(jerk) > (1.0 + SLACK) * arm.jerk[k]:
+            given, allowed = f"{jerk:.4g} rad/s^3", arm.jerk[k]
+            return (
+                f"{who} move {by} with a jerk of {given}, allowed {allowed:.4g} rad/s^3; {ABRUPT}"
+            )
+        if abs(change) > float(braking_speed(room, arm.jerk[k], T)) and change * v > 0.0:
+            return (
+                f"{who} accelerate {by} at {change:.4g} rad/s^2 and {v:.4g} rad/s, too much to "
+                f"stay below {arm.velocity[k]:.4g} rad/s; {ABRUPT}"
+            )
+        side, limit = ("upper", arm.upper[k]) if v > 0.0 else ("lower", arm.lower[k])
+        return (
+            f"{who} move {by} at {v:.4g} rad/s, at {angle:.4g} rad, from where it cannot stop "
+            f"before its {side} position limit, {limit:.4g} rad; {ABRUPT}"
         )
-        check_speed(command, arm, what, remedy)
-        command = np.clip(command, -arm.velocity, arm.velocity)
-    command.setflags(write=False)
-    return command
 
 
 def check_speed(v: Array, arm: Arm, what: str, remedy: str) -> None:

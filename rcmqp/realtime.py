@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp.arm import ArmState
-from rcmqp.braking import braking
+from rcmqp.braking import Brake, braking
 from rcmqp.controllers.base import Controller
 from rcmqp.deadlines import Deadlines
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.loop_checks import (
+    CommandCheck,
     LoopFault,
     Stamped,
-    as_command,
     as_reading,
     check_speed,
     check_stamp,
@@ -83,12 +83,13 @@ def run_realtime(
     missed its deadline; cycles that are over by then are skipped, not made up for.
 
     Every run ends in the safe stop ``brake``: at the end of ``duration``, on Ctrl-C, SIGTERM or
-    SIGHUP, and at once where a reading or a command is not finite, a command is faster than the
-    joint's speed limit, the reference is stale, a command would be late or took to send by more
-    than ``lateness``, or anything raises an exception. From the last velocity sent the joints
-    slow down as fast as their acceleration limits allow, the shaft staying on the trocar, see
-    braking(); where that would carry one over a position limit, each slows down by itself as fast
-    as it may. Zero is then held for 0.2 s. No command is sent twice. That a reading is old the
+    SIGHUP, and at once where a reading or a command is not finite, a command is beyond the joint's
+    limits of speed, acceleration or jerk or would let it no longer stop before its position
+    limit, the reference is stale, a command would be late or took to send by more than
+    ``lateness``, or anything raises an exception. From the last velocity sent the joints slow
+    down as fast as their limits of acceleration and jerk allow, the shaft staying on the trocar,
+    see braking(); a joint that comes near its position limit stops by itself as fast as it may.
+    Zero is then held for 0.2 s. No command is sent twice. That a reading is old the
     loop cannot tell: read() has to raise where its newest one is.
 
     In the main thread a signal is noted, and the loop looks for it once a cycle; during the stop
@@ -163,6 +164,7 @@ class _Loop:
         self.v, self.angles, self.read_at = np.zeros(self.arm.nv), self.arm.home, 0.0
         self.a = np.zeros(self.arm.nv)
         self.pivot = np.array(controller.insertion.trocar.pivot)
+        self.check = CommandCheck(Brake(controller.insertion, timing.period), controller.name)
         self.controller_stops = self.unsent = 0
 
     def warm_up(self) -> None:
@@ -227,7 +229,7 @@ class _Loop:
         newest = check_stamp(self.references(now), now, self.reference_age, ahead=period)
         state = self.controller.insertion.state(q, self.v, self.a)
         answer = self.controller.step(state, newest.reference)
-        command = as_command(answer.v, self.arm, self.controller.name)
+        command = self.check.passed(answer.v, state.angles, self.v, self.a)
         self.angles, self.read_at = state.angles, now
         if self.watching is not None:
             self.watching.see(state)
@@ -270,7 +272,7 @@ class _Loop:
             leaves = max(timing.now(), timing.due)  # the first one; until then the joints go on
             angles = angles + (leaves - timing.period - self.read_at) * self.v
         with contextlib.suppress(Exception):
-            yield from braking(insertion, angles, self.v, timing.period, self.pivot)
+            yield from braking(insertion, angles, self.v, timing.period, self.pivot, self.a)
         yield from [zero] * math.ceil(HOLD / timing.period)
 
 

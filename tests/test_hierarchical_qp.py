@@ -22,7 +22,7 @@ from rcmqp import (
 )
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.limits import JointLimits
+from rcmqp.limits import JointLimits, braking_speed
 from rcmqp.paths import ViewMoves
 from rcmqp.qp import HierarchySolution, SolverNotInstalled
 from rcmqp.tasks import RcmTask, RollTask, Task, TipTask, Together
@@ -143,12 +143,39 @@ def test_the_account_says_what_holds_each_level_back() -> None:
     assert tip.startswith(f"tip: {short:.3g} mm/s short, held back by {heaviest} ({side} accel")
 
 
+def test_the_report_names_only_bounds_that_are_touched_and_hold_the_level_back() -> None:
+    scenario = fast("lwa3")
+    insertion = scenario.insertion()
+    controller = make_controller("hierarchical_qp", insertion, scenario.period)
+    reference = list(scenario.references(insertion))[400]
+    state = insertion.arm.state(insertion.q_start, np.zeros(7))
+    answer = controller.step(state, reference)
+    account = answer.account
+    assert isinstance(account, HierarchySolution)
+    names = insertion.arm.joints
+    account._answer.numbers.setflags(write=True)
+    weights, touching = account._answer.multipliers, account._answer.touching
+    heavy = int(np.argmax(np.abs(weights[2, :7])))
+    other = (heavy + 1) % 7
+    weights[2, other] = 2.0 * weights[2, heavy]  # heavier than all, and not touched
+    touching[:, other] = 0.0
+    tip = controller.report(state, answer).splitlines()[1]
+    assert f"{names[heavy]} (" in tip
+    assert f"{names[other]} (" not in tip
+    touching[0 if weights[2, other] > 0.0 else 1, other] = 1.0  # touched on the other side
+    assert f"{names[other]} (" not in controller.report(state, answer).splitlines()[1]
+    touching[1 if weights[2, other] > 0.0 else 0, other] = 1.0
+    assert f"held back by {names[other]} (" in controller.report(state, answer).splitlines()[1]
+
+
 @pytest.mark.parametrize(
     ("share", "before", "limit"),
     [
         (1.0, 0.9, "speed limit"),
         (0.5, 0.5, "position limit"),
         (0.5, 0.25, "acceleration limit"),
+        (0.5, 0.5, "jerk limit"),
+        (0.99, 0.99, "speed limit"),  # it is not to be exceeded in the next cycles
     ],
 )
 def test_the_report_says_which_of_its_limits_a_joint_is_at(
@@ -162,22 +189,24 @@ def test_the_report_says_which_of_its_limits_a_joint_is_at(
     answer = controller.step(insertion.state(insertion.q_start, np.zeros(7)), reference)
     account = answer.account
     assert isinstance(account, HierarchySolution)
-    joint, weight = next(iter(account.blocking(account.levels[1]).items()))
-    i, sign = arm.joints.index(joint), np.sign(weight)
-    bound, v_before = sign * share * arm.velocity[i], np.zeros(7)
-    v_before[i] = sign * before * arm.velocity[i]
+    joint = next(iter(account.blocking(account.levels[1])))
+    i = arm.joints.index(joint)
+    v, v_before, a = answer.v.copy(), np.zeros(7), 0.3 * arm.acceleration
+    arm.jerk = arm.acceleration / 0.05
+    v[i] = share * arm.velocity[i]
+    v_before[i] = before * arm.velocity[i]
     if limit == "acceleration limit":
-        bound = v_before[i] + sign * T * arm.acceleration[i]
-    numbers = account._answer.numbers.copy()
-    numbers[i + (7 if weight > 0.0 else 0)] = bound  # lower, then upper
-    moved = dataclasses.replace(
-        account, _answer=dataclasses.replace(account._answer, numbers=numbers)
-    )
-    report = controller.report(
-        insertion.state(insertion.q_start, v_before), dataclasses.replace(answer, account=moved)
-    )
-    side = "upper" if weight > 0.0 else "lower"
-    assert re.search(rf"tip: .* {joint} \({side} {limit}\)", report)
+        v[i] = v_before[i] + T * arm.acceleration[i]
+    if limit == "jerk limit":
+        v[i] = v_before[i] + T * (a[i] - T * arm.jerk[i])
+    elif before == 0.99:
+        side = 1.0 if account.at_upper[i] else -1.0
+        ahead = braking_speed((1.0 - 0.99) * arm.velocity[i], JointLimits.easing * arm.jerk[i], T)
+        v[i] = v_before[i] = side * v_before[i]
+        v[i] += side * T * float(ahead)
+    moved = dataclasses.replace(answer, v=v, account=dataclasses.replace(account, v=v))
+    report = controller.report(insertion.state(insertion.q_start, v_before, a), moved)
+    assert re.search(rf"tip: .* {joint} \((upper|lower) {limit}\)", report)
 
 
 def test_wrong_options_are_refused_with_a_remedy() -> None:

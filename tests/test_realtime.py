@@ -22,7 +22,7 @@ from rich.console import Console
 
 import rcmqp
 from rcmqp.arm import ArmState
-from rcmqp.braking import braking, nearest
+from rcmqp.braking import Brake, braking, nearest
 from rcmqp.controllers import Command, Controller
 from rcmqp.deadlines import Deadlines
 from rcmqp.dualquaternion import Array
@@ -30,6 +30,7 @@ from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.governor import Governed
 from rcmqp.insertion import rcm_error
 from rcmqp.latency import EDGES, LatencyCounter
+from rcmqp.loop_checks import CommandCheck, LoopFault
 from rcmqp.loop_report import LoopReport
 from rcmqp.paths import ViewMoves
 from rcmqp.qp import Hierarchy
@@ -76,6 +77,11 @@ class Arm:
     def __post_init__(self) -> None:
         self.q, self.v = np.array(self.insertion.q_start), np.zeros(self.insertion.arm.nv)
 
+    def moving(self, v: Array) -> Arm:
+        """The same, already moving."""
+        self.v = v
+        return self
+
     def read(self) -> tuple[ArrayLike, ArrayLike]:
         self.read_at.append(self.clock.now)
         self.on_read(len(self.sent))
@@ -96,8 +102,9 @@ def insertion() -> rcmqp.Insertion:
 
 
 def view(insertion: rcmqp.Insertion, t: float) -> Stamped:
-    """Looking ever further to the right, at 0.3 rad/s, from t = 0 on."""
-    command = rcmqp.ViewCommand(alpha=0.3 * t, alpha_dot=0.3)
+    """Looking ever further to the right, ever faster from t = 0 on, up to 0.3 rad/s."""
+    rising = min(t, 0.15)
+    command = rcmqp.ViewCommand(alpha=rising**2 + 0.3 * (t - rising), alpha_dot=2.0 * rising)
     return Stamped(rcmqp.view_pose(insertion.x_rcm, command), t)
 
 
@@ -229,7 +236,7 @@ def test_the_controller_is_told_the_last_command_and_at_the_start_the_measured_v
 
         def _step(self, state: ArmState, reference: Reference) -> Command:
             told.append(state.v)
-            return Command(np.full(7, 1e-3 * len(told)))
+            return Command(np.full(7, 0.5 + 1e-4 * len(told)))
 
     robot = Arm(insertion, Clock(), spoil_v=lambda k, v: (v + 0.5).tolist())
     run(robot, controller=Listening(insertion, T))
@@ -319,7 +326,9 @@ class Spoilt(Controller):
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         if len(self.robot.sent) < 10:
-            return Command(_along(self.insertion, state) if self.before is None else self.before)
+            if self.before is not None:
+                return Command(self.before)
+            return Command((len(self.robot.sent) + 1) * _along(self.insertion, state))
         if isinstance(self.answer, Exception):
             raise self.answer
         return Command(self.answer)
@@ -328,9 +337,9 @@ class Spoilt(Controller):
 
 
 def _along(insertion: rcmqp.Insertion, state: ArmState) -> Array:
-    """About 0.2 rad/s of each joint, the shaft's point at the trocar at rest."""
+    """About 5 mrad/s of each joint, the shaft's point at the trocar at rest."""
     depth = float(state.oMe.actInv(np.array(insertion.trocar.pivot))[2])
-    rows, v = across(state.J_local, depth), np.full(7, 0.2)
+    rows, v = across(state.J_local, depth), np.full(7, 5e-3)
     return np.asarray(v - np.linalg.pinv(rows) @ rows @ v)
 
 
@@ -432,9 +441,83 @@ def test_a_fault_of_the_controller_ends_in_the_safe_stop(
 def test_a_solvers_tolerance_above_a_speed_limit_is_cut_off(insertion: rcmqp.Insertion) -> None:
     robot, most = Arm(insertion, Clock()), insertion.arm.velocity
     v = most * np.array([1.0005, -1.0005, 0.5, 0.0, 1.0, -1.0, 0.1])
+    robot.moving(v)
     report = run(robot, controller=Spoilt(insertion, T, robot, v, v))
     assert report.stop.fault == ""
     assert np.array_equal(robot.sent[5], np.clip(v, -most, most))
+
+
+BEYOND: dict[str, tuple[dict[str, float], str]] = {
+    "acceleration": (
+        {"v": 0.2, "before": 0.19, "a": 6.0},
+        "was to accelerate by law's command at 10 rad/s^2, allowed 7.5 rad/s^2; take",
+    ),
+    "jerk": (
+        {"v": 0.2, "before": 0.197, "a": -3.0},
+        "was to move by law's command with a jerk of 6000 rad/s^3, allowed 5000 rad/s^3; take",
+    ),
+    "speed": (
+        {"v": 2.1745, "before": 2.168, "a": 3.0},
+        "was to accelerate by law's command at 6.5 rad/s^2 and 2.175 rad/s, too much to stay "
+        "below 2.175 rad/s; take",
+    ),
+    "position": (
+        {"v": 1.0, "before": 1.0, "a": 0.0, "room": 0.06},
+        "was to move by law's command at 1 rad/s, at 1.703 rad, from where it cannot stop before "
+        "its upper position limit, 1.763 rad; take",
+    ),
+}
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("kind", BEYOND)
+def test_a_command_beyond_a_limit_is_refused_in_words(kind: str, side: float) -> None:
+    """And one that is inside by as little is sent as it is."""
+    numbers, words = BEYOND[kind]
+    arm = rcmqp.load_arm("panda")
+    arm.jerk = np.full(7, 5000.0)
+    check = CommandCheck(Brake(rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument()), T), "law")
+    v, before, a = (side * numbers[name] * np.eye(7)[1] for name in ("v", "before", "a"))
+    angles = arm.home.copy()
+    if "room" in numbers:
+        limit = arm.upper[1] if side > 0.0 else arm.lower[1]
+        angles[1] = limit - side * numbers["room"]
+    with pytest.raises(LoopFault, match="panda_joint2") as fault:
+        check.passed(v, angles, before, a)
+    if side > 0.0:
+        assert f"panda_joint2 {words}" in str(fault.value)
+    lower, upper = Brake(rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument()), T).box(
+        angles, before, a
+    )
+    most = upper if side > 0.0 else lower
+    assert np.array_equal(check.passed(most, angles, before, a), most)
+    assert np.array_equal(check.passed(most + side * 1e-6 * np.eye(7)[1], angles, before, a), most)
+
+
+def test_a_hierarchy_with_limited_jerk_is_never_refused() -> None:
+    """Views that jump, a reference that is lost for a while, and the stop at the end."""
+    arm, rng = rcmqp.load_arm("panda"), np.random.default_rng(7)
+    arm.jerk = np.full(7, 5000.0)
+    insertion = rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument())
+    robot = Arm(insertion, Clock())
+    views = rng.uniform((-0.4, -0.4, -1.0, -0.03), (0.4, 0.4, 1.0, 0.05), (20, 4))
+
+    def references(t: float) -> Stamped:
+        reference = rcmqp.view_pose(insertion.x_rcm, rcmqp.ViewCommand(*views[int(t / 0.15) % 20]))
+        if 0.5 < t < 0.6:
+            reference = dataclasses.replace(reference, x_d=np.full(8, np.nan))
+        return Stamped(reference, t)
+
+    controller = rcmqp.make_controller("hierarchical_qp", insertion, T, backend="active_set")
+    report = run(robot, 1.5, references, controller)
+    assert report.stop.fault == ""
+    assert report.controller_stops > 50
+    v = np.array([np.zeros(7), *robot.sent])
+    a = np.diff(v, axis=0, prepend=np.zeros((1, 7))) / T
+    assert (np.abs(a) <= arm.acceleration * (1.0 + 1e-9)).all()
+    assert (np.abs(np.diff(a, axis=0)) <= 5000.0 * T * (1.0 + 1e-9)).all()
+    assert np.abs(v).max() > 1.0
+    assert (robot.v == 0.0).all()
 
 
 def test_a_reference_stamped_in_the_future_ends_in_the_safe_stop(
@@ -465,7 +548,8 @@ def test_nothing_that_the_robot_raises_keeps_the_arm_moving(
 
     setattr(robot, where, impatient)
     with contextlib.suppress(SystemExit):
-        report = run(robot, 1.0, controller=Spoilt(insertion, T, robot, np.full(7, 0.2)))
+        v = np.full(7, 0.2)
+        report = run(robot.moving(v), 1.0, controller=Spoilt(insertion, T, robot, v, v))
         assert report.stop.fault == "interrupted"
     assert len(robot.sent) > 15 + HELD
     assert len(robot.read_at) == WARM_UP + len(robot.sent) + (where == "read")  # tried every time
@@ -508,8 +592,8 @@ def test_a_command_may_be_twenty_periods_late(insertion: rcmqp.Insertion, period
     def work(k: int) -> None:
         clock.now += periods * T if k == 10 else 0.0
 
-    robot.on_read = work
-    report = run(robot, 0.05)
+    robot.on_read, v = work, np.full(7, 0.1)
+    report = run(robot.moving(v), 0.05, controller=Spoilt(insertion, T, robot, v, v))
     assert bool(report.stop.fault) == (periods > 20.0)
 
 
@@ -798,7 +882,7 @@ def test_a_loop_that_ends_before_a_position_limit_stays_inside_it() -> None:
     angles[6] = arm.upper[6] - 20 * T * v[6] - 0.6 * v[6] ** 2 / arm.acceleration[6]
     insertion = rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument(), angles)
     robot = Arm(insertion, Clock())
-    run(robot, 20 * T, controller=Spoilt(insertion, T, robot, v, v))
+    run(robot.moving(v), 20 * T, controller=Spoilt(insertion, T, robot, v, v))
     assert (robot.v == 0.0).all()
     assert robot.q[6] <= arm.upper[6] + 10 * TICK * v[6]  # by the clock it knows where it is
 
@@ -841,6 +925,7 @@ def test_a_stop_after_a_stall_knows_that_the_joints_went_on(where: str) -> None:
         return view(insertion, t)
 
     robot.read, robot.send = read, send  # type: ignore[method-assign]
+    robot.moving(v)
     report = run(robot, 1.0, references, controller=Spoilt(insertion, T, robot, v, v))
     assert report.stop.fault
     assert (robot.v == 0.0).all()
@@ -860,7 +945,7 @@ def test_the_stop_holds_on_to_a_trocar_that_has_moved(insertion: rcmqp.Insertion
         pivot = good.reference.pivot + off * bool(robot.sent)
         return Stamped(dataclasses.replace(good.reference, pivot=pivot), t)
 
-    run(robot, 10 * T, references, controller=Spoilt(insertion, T, robot, v, v))
+    run(robot.moving(v), 10 * T, references, controller=Spoilt(insertion, T, robot, v, v))
     q = insertion.q_start
     for command in robot.sent[:10]:
         q = insertion.arm.integrate(q, command, T)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from rcmqp.arm import Arm, ArmState
+from rcmqp.limits.joints import JointLimits, braking_speed
 from rcmqp.qp import HierarchySolution, LevelResult
 from rcmqp.tasks import TASKS
 
@@ -58,14 +59,15 @@ def _level(
     weights = solution.blocking(level)
     heaviest = max(map(abs, weights.values()), default=0.0)
     held = []
-    for name in [x for x, weight in weights.items() if abs(weight) > NOISE * heaviest][
-        :MOST_NAMES
-    ]:
+    for name, weight in weights.items():
         i = solution.names.index(name)
-        if i < arm.nv:
-            name += f" ({_which(solution, i, weights[name], arm, state, period)})"
-        held.append(name)
-    why = f"held back by {', '.join(held)}" if held else "the rest is taken by the levels above"
+        touched = solution.at_upper[i] if weight > 0.0 else solution.at_lower[i : i + 1].any()
+        if touched and abs(weight) > NOISE * heaviest:
+            which = f" ({_which(solution, i, arm, state, period)})" if i < arm.nv else ""
+            held.append(name + which)
+    why = "the rest is taken by the levels above"
+    if held:
+        why = f"held back by {', '.join(held[:MOST_NAMES])}"
     return f"{level.name}: {short} short, {why}{doubt}"
 
 
@@ -78,14 +80,19 @@ def _unit(name: str) -> str:
     return TASKS[name].unit if name in TASKS else ""
 
 
-def _which(
-    solution: HierarchySolution, i: int, weight: float, arm: Arm, state: ArmState, period: float
-) -> str:
-    """Which of joint i's limits has a multiplier; lower levels may have left it by a little."""
-    side, bound = ("upper", solution.upper) if weight > 0.0 else ("lower", solution.lower)
-    v, change = abs(bound[i]), abs(bound[i] - state.v[i])
-    if math.isclose(v, arm.velocity[i], rel_tol=TOUCHING):
-        return f"{side} speed limit"
-    if math.isclose(change, period * arm.acceleration[i], rel_tol=TOUCHING):
-        return f"{side} acceleration limit"
+def _which(solution: HierarchySolution, i: int, arm: Arm, state: ArmState, period: float) -> str:
+    """Which of its limits joint i is at."""
+    side = "upper" if solution.at_upper[i] else "lower"
+    v, change = solution.v[i], (solution.v[i] - state.v[i]) / period
+    towards = 1.0 if solution.at_upper[i] else -1.0
+    room, easing = arm.velocity[i] - towards * state.v[i], JointLimits.easing * arm.jerk[i]
+    kinds = {
+        "speed": (abs(v), arm.velocity[i]),
+        "acceleration": (abs(change), arm.acceleration[i]),
+        "jerk": (abs(change - state.a[i]), period * arm.jerk[i]),
+        "speed ": (towards * change, float(braking_speed(room, easing, period))),  # ahead of it
+    }
+    for kind, (given, allowed) in kinds.items():
+        if math.isclose(given, allowed, rel_tol=TOUCHING):
+            return f"{side} {kind.strip()} limit"
     return f"{side} position limit"
