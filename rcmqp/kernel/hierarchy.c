@@ -150,27 +150,15 @@ static double missing(const Level *level, const double *v, int n)
     return sqrt(total);
 }
 
-/* Whether v keeps every bound, to `room` of its size. */
-static int keeps_bounds(const State *state, int N, const double *v, double room)
-{
-    for (int i = 0; i < N; ++i) {
-        const double Gv = dot(state->G + i * state->n, v, state->n);
-        const double allowed = room * larger(1.0, fabs(Gv));
-        if (!(Gv <= state->upper[i] + allowed && Gv >= state->lower[i] - allowed)) return 0;
-    }
-    return 1;
-}
-
-/* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all, and so
- * does the optimum of each damped level, which later levels are held to; otherwise v is where it
- * leads, brought into the box. */
+/* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all;
+ * otherwise v is where it leads, brought into the box. */
 static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = hierarchy->n, N = descent->state.N, square = n * n;
     double *start = take(arena, n), *Z = take(arena, square), *none = take(arena, N);
     State open = descent->state;
-    int fits = 1, inside = 1, rounds;
+    int fits = 1, rounds;
     memcpy(start, open.v, sizeof(double) * (size_t)n);
     memcpy(Z, open.Z, sizeof(double) * (size_t)square);
     open.N = 0; /* no bounds */
@@ -180,7 +168,6 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
             const Level level = level_of(hierarchy, descent, descent->goal, k);
             fits = descend(&open, &level, 1, none, 1, descent->speeds + k * square, none, &rounds,
                            arena) == CLOSED_FORM;
-            if (level.damping > 0.0) inside = inside && keeps_bounds(&open, N, open.v, CLIPPED);
         }
         end_level(descent, &open, k);
     }
@@ -191,7 +178,10 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
         arena->used = mark;
         return 0;
     }
-    fits = inside && keeps_bounds(&open, N, open.v, CLIPPED);
+    for (int i = 0; i < N; ++i) {
+        const double Gv = dot(open.G + i * n, open.v, n), room = CLIPPED * larger(1.0, fabs(Gv));
+        if (!(Gv <= open.upper[i] + room && Gv >= open.lower[i] - room)) fits = 0;
+    }
     for (int i = 0; i < n; ++i)
         open.v[i] = smaller(larger(open.v[i], open.lower[i]), open.upper[i]);
     if (fits) descent->state.held = open.held;
