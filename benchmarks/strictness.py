@@ -7,6 +7,8 @@ of those of position and speed; the view is from 1 mm to a third of a metre away
 and each level's residual, are compared with those of the damped hierarchy solved level by level
 with scipy's non-negative least squares in nullspaces, each level's optimum proved by multipliers
 found likewise (``tests/oracle.py``). ``tests/test_strictness.py`` does the same with fewer states.
+"RCM alone" counts states in which only the RCM is compared, see ``tests/arm_states.py``;
+"undecided" those in which the oracle cannot prove its own answer, which are not compared.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ def main() -> None:
     for arm, verdicts in chunks:
         found[arm] += verdicts
     heads = ["arm", "states", "at a bound", "RCM reached", "joints", *LEVELS]
-    heads += ["oracle unproved", "KKT", "failures"]
+    heads += ["RCM alone", "undecided", "KKT", "failures"]
     print(f"| {' | '.join(heads)} |\n| {' | '.join(['---'] + ['---:'] * (len(heads) - 1))} |")
     for arm, verdicts in found.items():
         print(f"| {' | '.join([arm, *cells(verdicts)])} |")
@@ -58,19 +60,21 @@ def several(arm: str, seeds: range) -> tuple[str, list[Verdict]]:
 def kept(one: Verdict) -> bool:
     """Whether a verdict is within what is promised."""
     near = max(one.apart, *one.differences) <= 1e-6
-    return one.answered and near and one.kkt <= 1e-8
+    return one.answered and (near or not one.decided) and one.kkt <= 1e-8
 
 
 def cells(verdicts: list[Verdict]) -> list[str]:
     """A line of the table."""
-    worst = np.max([each.differences for each in verdicts], axis=0)
-    apart = max(each.apart for each in verdicts)
-    numbers = [apart, *worst, max(x.unproved for x in verdicts), max(x.kkt for x in verdicts)]
+    decided = [each for each in verdicts if each.decided]
+    worst = np.max([[each.apart, *each.differences] for each in decided], axis=0)
     return [
         str(len(verdicts)),
         f"{np.mean([each.active for each in verdicts]):.0%}",
         f"{np.mean([each.reached for each in verdicts]):.0%}",
-        *(f"{number:.0e}" for number in numbers),
+        *(f"{number:.0e}" for number in worst),
+        str(sum(each.alone for each in verdicts)),
+        str(len(verdicts) - len(decided)),
+        f"{max(each.kkt for each in verdicts):.0e}",
         str(sum(not each.answered for each in verdicts)),
     ]
 

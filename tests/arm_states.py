@@ -27,6 +27,9 @@ class Verdict:
     Attributes:
         active: whether a joint is at a bound.
         reached: whether the RCM's level is reached; if not, its second, damped answer is compared.
+        alone: whether that is all that is compared: the kinova's joint 6 spins the shaft, but for
+            an entry of 1e-12 in the RCM's rows, and whether an RCM that is not reached leaves that
+            joint to the levels below is a matter of rounding.
         apart: largest difference from the oracle's joint speeds, which are unique [rad/s].
         differences: of each level's residual norm, from the oracle's [m/s], [rad/s].
         unproved: how far the best multipliers are from proving the oracle right, the worst level.
@@ -36,11 +39,17 @@ class Verdict:
 
     active: bool
     reached: bool
+    alone: bool
     apart: float
     differences: tuple[float, ...]
     unproved: float
     kkt: float
     answered: bool
+
+    @property
+    def decided(self) -> bool:
+        """Whether the oracle knows the answer."""
+        return self.unproved < 1e-9
 
 
 @functools.cache
@@ -89,18 +98,23 @@ def verdict(arm: str, seed: int) -> Verdict:
     limits = [JointLimits(insertion.arm, PERIOD, acceleration=bool(seed % 2))]
     problem = Problem(controller._levels_at(state, reference), combine(limits, state, reference))
     levels, box = damped_levels(problem, guarded=1), problem.bounds
-    found = (*account.levels, account.rest)
+    reached = account.levels[0].reached
+    alone = not reached and arm == "kinova"
+    found = (*account.levels, account.rest)[: 1 if alone else None]
+    apart = problem.levels[0].A @ (answer.v - levels[0].v) if alone else answer.v - levels[-1].v
+    differences = [
+        abs(float(np.linalg.norm(level.residual) - np.linalg.norm(A @ levels[-1].v - b)))
+        for level, (A, b) in zip(found, stack(problem, np.zeros(0))[1:], strict=False)
+    ]
     return Verdict(
         bool(account.at_lower.any() or account.at_upper.any()),
-        account.levels[0].reached,
-        float(np.abs(answer.v - levels[-1].v).max()),
-        tuple(
-            abs(float(np.linalg.norm(level.residual) - np.linalg.norm(A @ levels[-1].v - b)))
-            for level, (A, b) in zip(found, stack(problem, np.zeros(0))[1:], strict=True)
-        ),
+        reached,
+        alone,
+        float(np.abs(apart).max()),
+        (*differences, *[0.0] * (len(LEVELS) - len(found))),
         max(unproved(level, level.v, box.lower, box.upper) for level in levels),
         max(level.kkt for level in (account.limits, *found)),
         bool(((box.lower <= answer.v) & (answer.v <= box.upper)).all())
         and not answer.stop
-        and account.exact,
+        and all(level.route.exact for level in (account.limits, *found)),
     )

@@ -187,7 +187,9 @@ def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
         speed = speed_rows(A, Z, damping)
         M, c = np.vstack([A, speed, H]), np.concatenate([b, np.zeros(len(speed)), h])
         best = v
-        if Z.size and np.linalg.norm(M @ Z) > 0.0:
+        if Z.shape == (n, n):  # nothing but the box
+            best = bounded(M, c, lower, upper)
+        elif Z.size and np.linalg.norm(M @ Z) > 0.0:
             room = np.concatenate([upper - v, v - lower])
             best = v + Z @ proved(M @ Z, c - M @ v, np.vstack([Z, -Z]), room)
         return Stacked(M, c, Z, best)
@@ -227,7 +229,7 @@ def proved(M: Array, c: Array, G: Array, h: Array) -> Array:
     found = [np.zeros(M.shape[1]), inequality(M, c, G, h)]
     for share in (1e-4, 1e-6, 1e-8):
         found += least_distance(M, c, G, h, share * size)
-    inside = [y for y in found if (G @ y <= h + 1e-13).all()]
+    inside = [y for y in found if (G @ y <= h + 1e-11).all()]
     return min(inside, key=lambda y: gap(M, M @ y - c, G[G @ y >= h - AT_BOUND]))
 
 

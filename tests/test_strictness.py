@@ -12,13 +12,14 @@ COUNT = 40
 @pytest.mark.parametrize("arm", ARMS)
 def test_at_random_states_every_level_is_that_of_an_independent_exact_solution(arm: str) -> None:
     verdicts = [verdict(arm, seed) for seed in range(COUNT)]
-    reached = sum(found.reached for found in verdicts)
-    print(f"{arm}: {COUNT} states, in {COUNT - reached} of them the RCM's second answer")
+    missed = sum(not found.reached for found in verdicts)
+    alone = sum(found.alone for found in verdicts)
+    print(f"{arm}: in {missed} of {COUNT} states the RCM's second answer, {alone} of them alone")
+    assert all(found.decided for found in verdicts)
     assert all(found.answered for found in verdicts)
-    assert max(found.unproved for found in verdicts) < 1e-10  # the oracle itself is right
     assert max(found.apart for found in verdicts) < 1e-6
     assert np.max([found.differences for found in verdicts]) < 1e-6
     assert max(found.kkt for found in verdicts) < 1e-8
-    assert np.mean([found.active for found in verdicts]) >= 0.5
-    assert reached >= 0.3 * COUNT  # the lower levels count, too
-    assert reached < COUNT or arm == "ur5"
+    assert np.mean([found.active for found in verdicts]) >= 0.3
+    assert 0.7 * COUNT <= COUNT - missed < COUNT or arm == "ur5"
+    assert alone <= 0.15 * COUNT

@@ -27,6 +27,7 @@
 typedef struct {
     State state;
     double unit;
+    double *A;    /* (rows, n) without entries below the resolution, which decide nothing */
     double *goal; /* (rows) b */
     double *Zs;   /* (levels + 1, n, n) what was free before each level */
     int *frees;   /* (levels + 1) how many columns of each count */
@@ -61,7 +62,7 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
     const int rows = (int)hierarchy->ends[levels - 1];
     Descent made = {{n, N, 0, v, take(arena, n * n), take(arena, N * n), take(arena, N),
                      take(arena, N), take(arena, N), 0, take(arena, rows * n), take(arena, rows)},
-                    1.0, take(arena, rows), take(arena, (levels + 1) * n * n),
+                    1.0, take(arena, rows * n), take(arena, rows), take(arena, (levels + 1) * n * n),
                     (int *)take(arena, levels + 1), take(arena, (levels + 1) * n),
                     take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1),
                     take(arena, levels + 1)};
@@ -95,6 +96,8 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
         state->upper[n + i] = hierarchy->d[i] / made.unit / by;
     }
     for (int i = 0; i < rows; ++i) made.goal[i] = hierarchy->b[i] / made.unit;
+    for (int i = 0; i < rows * n; ++i)
+        made.A[i] = fabs(hierarchy->A[i]) < RESOLUTION ? 0.0 : hierarchy->A[i];
     return made;
 }
 
@@ -116,7 +119,7 @@ static void end_level(Descent *descent, const State *state, int k)
 static Level level_of(const Hierarchy *hierarchy, const Descent *descent, const double *b, int k)
 {
     const int first = first_row(hierarchy, k);
-    return (Level){rows_of(hierarchy, k), hierarchy->A + first * hierarchy->n, b + first,
+    return (Level){rows_of(hierarchy, k), descent->A + first * hierarchy->n, b + first,
                    descent->damping[k]};
 }
 
