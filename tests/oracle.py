@@ -175,10 +175,21 @@ def speed_rows(A: Array, Z: Array, damping: float) -> Array:
 
 
 def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
+    """Every level of a damped hierarchy, and the rest.
+
+    Without bounds, where the answer keeps the box; otherwise inside it.
+    """
+    n = p.bounds.lower.size
+    free = one_by_one(Problem(p.levels, Bounds(np.full(n, -np.inf), np.full(n, np.inf))), 0)
+    inside = (free[-1].v <= p.bounds.upper + 1e-12) & (free[-1].v >= p.bounds.lower - 1e-12)
+    return free if inside.all() else one_by_one(p, guarded)
+
+
+def one_by_one(p: Problem, guarded: int) -> list[Stacked]:
     """Every level of a damped hierarchy in a box, and the rest, solved one after the other."""
     lower, upper = np.array(p.bounds.lower), np.array(p.bounds.upper)
     crossed = lower > upper
-    lower[crossed] = upper[crossed] = 0.5 * (lower + upper)[crossed]
+    lower[crossed] = upper[crossed] = 0.5 * (lower[crossed] + upper[crossed])
     n, exchange, found = lower.size, constant("EXCHANGE"), list[Stacked]()
     v, Z = np.clip(np.zeros(n), lower, upper), np.eye(n)[:, lower < upper]
     H, h, strict = np.zeros((0, n)), np.zeros(0), np.zeros((0, n))
@@ -191,7 +202,11 @@ def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
             best = bounded(M, c, lower, upper)
         elif Z.size and np.linalg.norm(M @ Z) > 0.0:
             room = np.concatenate([upper - v, v - lower])
-            best = v + Z @ proved(M @ Z, c - M @ v, np.vstack([Z, -Z]), room)
+            if np.isinf(room).all():
+                y = np.linalg.lstsq(M @ Z, c - M @ v)[0]
+            else:
+                y = proved(M @ Z, c - M @ v, np.vstack([Z, -Z]), room)
+            best = v + Z @ y
         return Stacked(M, c, Z, best)
 
     for k, level in enumerate((*p.levels, Level(np.eye(n), np.zeros(n)))):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -22,9 +24,9 @@ VIEWS = [
 
 def swing(arm: str, view: tuple[float, float, float, float], damping: float | None) -> float:
     """How far a joint's speed swings in the last second, as a share of its limit."""
-    scenario = load_scenario(
-        "view_steps", arm, path=ViewMoves(views=(view,), move=MOVE), duration=MOVE + HOLD
-    )
+    limits = {"jerk": math.inf} if arm == "lwa3" else {"acceleration": math.inf}
+    path = ViewMoves(views=(view,), move=MOVE)
+    scenario = load_scenario("view_steps", arm, path=path, duration=MOVE + HOLD, **limits)
     insertion, T = scenario.insertion(), scenario.period
     levels = [
         RcmTask(period=T),
@@ -42,6 +44,6 @@ def swing(arm: str, view: tuple[float, float, float, float], damping: float | No
 def test_a_held_view_comes_to_rest_where_strict_levels_swing_for_ever(
     arm: str, view: tuple[float, float, float, float]
 ) -> None:
-    """Measured: below 1e-6 of the limit; strict levels 1.7 to 2.0, from end to end."""
+    """Without assumed limits. Measured: below 1e-3 of the limit; strict levels 1.7 to 2.0, from end to end."""
     assert swing(arm, view, None) < 1e-3
     assert swing(arm, view, 0.0) > 0.5
