@@ -164,8 +164,9 @@ def steepest(along: Along, step: float = 1e-7) -> float:
 
 
 SLOPES = {"ur5": 1.2e5, "meka_a2": 2.3e6, "panda": 1.2e5}
-"""[rad/s per rad] Three times what was measured: 3.9e4, 0.7e4, 7.5e5 and 3.9e4. The Meka's is that
-of the strict RCM: five joints are at their bounds, and the other two hold it nearly in parallel."""
+"""[rad/s per rad] Three times what was measured. The Meka's is that of the strict RCM: five joints
+are at their bounds, and the other two hold it nearly in parallel. The LWA3 is left out: where its
+answer first touches a bound, the levels are solved inside the bounds, and the answer may jump."""
 
 
 @pytest.mark.parametrize("arm", SLOPES)
