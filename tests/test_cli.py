@@ -83,7 +83,7 @@ def test_a_governor_is_put_in_and_taken_out(call: Call, tmp_path: Path) -> None:
     assert run.scenario == load_scenario("fast_helix", "ur5", governor=Governor())
     done = run.path_time[-1] / run.scenario.path.duration
     behind = run.time[-1] - run.path_time[-1]
-    assert 0.3 < done < 0.99
+    assert 0.05 < done < 0.99
     assert f"{100 * done:.1f} % done at the end, its clock {behind:.3f} s behind" in out
     (tmp_path / "governed.json").write_text(run.scenario.to_json(), encoding="utf-8")
     again = ("run", str(tmp_path / "governed.json"), "--controller", "hierarchical_qp", "--json")

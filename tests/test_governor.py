@@ -51,7 +51,7 @@ def told(scenario: Scenario) -> tuple[Run, list[Reference], list[tuple[float, fl
 def too_fast() -> Scenario:
     """A helix that the UR5's joints cannot follow, in a trocar that moves."""
     motion = Sinusoid(amplitude=3e-3, frequency=1.0, ramp=0.3)
-    return load_scenario("fast_helix", "ur5", motion=motion)
+    return load_scenario("fast_helix", "ur5", motion=motion, acceleration=math.inf)
 
 
 @pytest.fixture(scope="module")

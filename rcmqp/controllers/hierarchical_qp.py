@@ -191,7 +191,8 @@ class HierarchicalQP(Controller):
                 state.v, state.a, arm.acceleration, arm.jerk, self.approach, self.period, strict
             )
             made.append(level.level(state, reference, approach))
-            if made[-1].damping == 0.0 and len(strict) == sum(len(x.A) for x in made[:-1]):
+            strict_so_far = len(strict) == sum(len(x.A) for x in made[:-1])
+            if made[-1].damping == 0.0 and strict_so_far and made[-1].A.shape[1] == arm.nv:
                 strict = np.concatenate([strict, made[-1].A])
         return made
 

@@ -111,7 +111,7 @@ class Approach:
             damping: of the level; 0 where it is strict.
         """
         braking = np.array([self.period, self.share])
-        task = self.strict, rows, error, carried, gain, damping
+        task = self.strict, np.ascontiguousarray(rows), error, carried, gain, damping
         return _kernel.approached(*task, self.v, self.a, self.acceleration, self.jerk, braking)
 
 
@@ -205,7 +205,7 @@ class Task(abc.ABC):
         self, residual: Residual, root: float, damping: float, approach: Approach | None
     ) -> Array:
         """The rate asked for, minus drift (m,); all rows are multiplied by ``root`` for it."""
-        if approach is None:
+        if approach is None or residual.jacobian.shape[1] != approach.v.size:
             return -self.gain * residual.error - residual.drift
         rows, error, carried = (
             root * part for part in (residual.jacobian, residual.error, -residual.drift)
