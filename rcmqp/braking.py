@@ -189,7 +189,7 @@ class Brake:
     def _together(self, v: Array, a: Array) -> Array:
         """All joints slowed down in proportion, as fast as acceleration and jerk allow."""
         arm, T = self.insertion.arm, self.period
-        moves = v != 0.0
+        moves = np.abs(v) > NOTHING
         if not moves.any():
             return v
         speed = np.abs(v[moves])
@@ -197,7 +197,7 @@ class Brake:
             float(np.min(arm.acceleration[moves] / speed)),
             float(np.min(arm.jerk[moves] / speed)),
         )
-        rate = float(a @ v) / float(v @ v)
+        rate = float(a[moves] @ v[moves]) / float(speed @ speed)
         fastest = -min(A, float(braking_speed(1.0, j, T)))
         rate = min(max(rate - j * T, fastest), rate + j * T)
         return np.asarray(max(0.0, 1.0 + rate * T) * v)

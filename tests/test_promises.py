@@ -50,6 +50,11 @@ OF_THE_HELIX: dict[str, Callable[[Metrics], bool]] = {
 """What must hold of the helix, too, whose end the tip can reach."""
 
 FAULTS: dict[str, dict[str, set[str]]] = {
+    "hierarchical_qp": {  # with assumed limits on jerk, which are low for its gain
+        "comes to rest": {"lwa3", "meka_a2"},
+        "settles": {"meka_a2"},
+        "keeps the image upright": {"meka_a2"},
+    },
     "dual_quaternion": {
         "comes to rest": {"lwa3", "ur5"},
         "keeps the joint limits": {"lwa3", "meka_a2", "panda", "ur5"},

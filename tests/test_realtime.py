@@ -108,6 +108,11 @@ def view(insertion: rcmqp.Insertion, t: float) -> Stamped:
     return Stamped(rcmqp.view_pose(insertion.x_rcm, command), t)
 
 
+def careful(insertion: rcmqp.Insertion) -> Controller:
+    """A controller that keeps every joint limit."""
+    return rcmqp.make_controller("hierarchical_qp", insertion, T)
+
+
 def run(
     robot: Arm,
     duration: float = 0.02,
@@ -163,7 +168,7 @@ def test_a_slow_cycle_is_counted_and_the_rest_stay_on_the_grid(insertion: rcmqp.
         clock.now += 3.4 * T if k == 5 else 0.2 * T
 
     robot = Arm(insertion, clock, on_read=work)
-    report = run(robot, 0.02)
+    report = run(robot, 0.02, controller=careful(insertion))
     assert (report.missed, report.skipped) == (1, 2)  # it was due at 5, the next that runs at 8
     assert report.cycles - report.braking == 18
     begun = np.array(robot.read_at[WARM_UP : WARM_UP + 18])
@@ -279,7 +284,7 @@ def test_a_governed_path_waits_for_an_arm_that_is_stuck(
     robot = Arm(insertion, Clock(), spoil=lambda k, q: insertion.q_start if stuck else q)
     path = ViewMoves(views=((0.3, 0.0, 0.0, 0.0),), move=1.0)
     references = Governed(path, insertion)
-    report = run(robot, references=references, duration=1.0)
+    report = run(robot, references=references, duration=1.0, controller=careful(insertion))
     assert report.stop.fault == ""
     clock = references.clock
     if stuck:
@@ -813,7 +818,7 @@ def test_braking_slows_all_joints_in_proportion_and_as_fast_as_they_may(
     np.testing.assert_allclose(found, shares[:, None] * v, rtol=0, atol=1e-15)
     fastest = np.max(np.abs(np.diff(found, axis=0, prepend=v[None])) / (arm.acceleration * T))
     assert 0.95 < fastest <= 1.0 + 1e-9
-    assert len(found) == np.ceil(np.max(np.abs(v) / (arm.acceleration * T)))
+    assert 0 <= len(found) - np.ceil(np.max(np.abs(v) / (arm.acceleration * T))) <= 4  # jerk
     assert (found[-1] == 0.0).all()
 
 
@@ -821,10 +826,11 @@ def test_braking_keeps_the_shaft_on_the_trocar_at_full_speed(insertion: rcmqp.In
     """Where slowing down in proportion leaves it by millimetres."""
     arm, controller = insertion.arm, rcmqp.make_controller("hierarchical_qp", insertion, T)
     reference = rcmqp.view_pose(insertion.x_rcm, rcmqp.ViewCommand(alpha=1.0, t_z=0.05))
-    q, v = insertion.q_start, np.zeros(7)
+    q, v, a = insertion.q_start, np.zeros(7), np.zeros(7)
     for _ in range(400):
-        angles = arm.angles(q)
-        v = controller.step(insertion.state(q, v), reference).v
+        angles, before = arm.angles(q), v
+        v = controller.step(insertion.state(q, v, a), reference).v
+        a = (v - before) / T
         q = arm.integrate(q, v, T)
     assert np.abs(v).max() > 2.0
     found = stopped(insertion, angles, v)
@@ -1003,7 +1009,7 @@ def test_an_arm_whose_limits_are_given_or_confirmed_is_driven(by_hand: bool) -> 
     given = rcmqp.load_arm("ur5", acceleration=5.0, jerk=90.0)
     arm = given if by_hand else rcmqp.load_arm("ur5").confirmed()
     robot = Arm(rcmqp.Insertion.on_shaft(arm, rcmqp.Instrument()), Clock())
-    assert run(robot).stop.fault == ""
+    assert run(robot, controller=careful(robot.insertion)).stop.fault == ""
     assert robot.sent
 
 
@@ -1011,6 +1017,7 @@ def test_braking_is_at_once_where_no_acceleration_limit_is_known(
     insertion: rcmqp.Insertion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(insertion.arm, "acceleration", np.full(7, np.inf))
+    monkeypatch.setattr(insertion.arm, "jerk", np.full(7, np.inf))
     found = stopped(insertion, insertion.angles_start, np.full(7, 0.3))
     assert found.shape == (1, 7)
     assert (found == 0.0).all()

@@ -28,10 +28,10 @@ from rcmqp.arm import ArmState
 from rcmqp.arm_limits import ArmLimits
 from rcmqp.camera_task import CameraTask
 from rcmqp.cli import main
-from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion, HierarchicalQP
+from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.operators import CameraTrial, operator_of_study, recognition_times
-from rcmqp.reference import Reference, ViewCommand, view_pose
+from rcmqp.reference import Reference
 from rcmqp.study.fingerprint import fingerprint
 from rcmqp.study.outcome import outcome_of
 from rcmqp.study.perform import RUNS, Performed, perform, run_trial, trial_file
@@ -39,7 +39,6 @@ from rcmqp.study.plan import Law, Study
 from rcmqp.study.record import Record
 from rcmqp.study.report import write_figures, write_tables
 from rcmqp.study.tables import outcomes_csv, table
-from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Together
 
 SHORT = """
 import dataclasses
@@ -430,33 +429,6 @@ def test_a_trial_that_fails_is_an_outcome_with_its_reason(tmp_path: Path) -> Non
     assert not outcome.finished
     assert "1 trials failed; the first, operator 0: " in table(performed)
     assert not write_figures(performed)
-
-
-def test_hierarchical_qp_holds_tip_and_roll_as_one_level_with_its_own_gains() -> None:
-    law = Law("hierarchical-qp", options=(("gain", 50.0), ("K_c", 3.0)))
-    (trial,) = Study(operators=1, laws=(law,)).trials()
-    made = trial.law.controller(trial.made())
-    assert isinstance(made, HierarchicalQP)
-    assert made.options["levels"] == ["rcm", "tip + roll", "objective"]
-    assert made.backend == "active_set"
-    assert made.levels is not None
-    rcm, camera, own = made.levels
-    assert isinstance(rcm, RcmTask)
-    assert isinstance(camera, Together)
-    assert isinstance(own, ObjectiveTask)
-    assert {rcm.gain, *(task.gain for task in camera.tasks)} == {50.0}
-    assert own.K_c == 3.0
-    state, reference = (
-        made.insertion.state(made.insertion.q_start),
-        view_pose(made.insertion.x_rcm, ViewCommand()),
-    )
-    one, all_of = (task.level(state, reference).A for task in (RollTask(), camera))
-    assert_allclose(all_of[3:], 0.1 * one)  # a radian is worth 10 cm
-    chosen = Law("hierarchical_qp", options=(("backend", "daqp"), ("K_c", 0.0)))
-    (trial,) = Study(operators=1, laws=(chosen,)).trials()
-    made = trial.law.controller(trial.made())
-    assert made.options["levels"] == ["rcm", "tip + roll"]
-    assert made.options["backend"] == "daqp"
 
 
 def test_what_cannot_be_made_is_found_before_the_work(short: str, tmp_path: Path) -> None:

@@ -24,6 +24,9 @@ from rcmqp.insertion import Insertion
 from rcmqp.qp import HierarchySolution, InvalidProblem
 from rcmqp.reference import Reference
 
+ABSURD = 1e9
+"""A joint velocity above this comes of absurd numbers, and counts as none [rad/s]."""
+
 SAFE_STOP = {"safe_stop": ("1", "1 where the joints brake instead of following")}
 """The diagnostic that every controller has."""
 
@@ -116,7 +119,7 @@ class Controller(abc.ABC):
             answer = self._step(state, reference)
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
             return self.safe_stop(state, f"{type(error).__name__}: {error}")
-        if not all_finite(answer.v):
+        if not all_finite(answer.v) or float(np.abs(answer.v).max()) > ABSURD:
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer

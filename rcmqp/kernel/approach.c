@@ -109,16 +109,16 @@ static void wanted_rate(double gain, Ability can, double period, const double *e
  * is continuous in the state. Without limits on the acceleration the rate is -gain e. */
 void approach_rate(const Brakes *brakes, const Approached *task, double *rate, Arena *arena)
 {
-    const size_t mark = arena->used;
     const int n = brakes->n, m = task->m;
     const double T = brakes->period, K = task->gain, d = size_of_vector(task->e, m);
-    double *H = take(arena, n * n), *w = take(arena, n), *now = take(arena, m);
-    double *next = take(arena, m), *later = take(arena, m);
-    double *left = take(arena, m), *kept = take(arena, m);
     int limited = 0;
     for (int i = 0; i < m; ++i) rate[i] = -K * task->e[i];
     for (int p = 0; p < n; ++p) limited = limited || brakes->acceleration[p] < INFINITY;
     if (!limited || !(brakes->share > 0.0)) return;
+    const size_t mark = arena->used;
+    double *H = take(arena, n * n), *w = take(arena, n), *now = take(arena, m);
+    double *next = take(arena, m), *later = take(arena, m);
+    double *left = take(arena, m), *kept = take(arena, m);
     prepare(brakes, task, H);
     Ability can = {INFINITY, INFINITY};
     if (d > NO_SIZE) {

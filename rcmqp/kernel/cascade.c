@@ -264,12 +264,13 @@ static void keep(State *state, const Level *level, double weight, const int *bou
     arena->used = mark;
 }
 
-/* Hold later levels to what a damped one has just reached exactly, as they are by a strict one. */
-void keep_exactly(State *state, const Level *level, Arena *arena)
+/* Hold later levels to what a damped one has just reached exactly, as they are by a strict one;
+ * `held` rows were there before it. */
+void keep_exactly(State *state, const Level *level, int held, Arena *arena)
 {
     const double weight = norm_of(level->A, level->m * state->n);
+    state->held = held;
     if (weight == 0.0 || !(weight < LARGEST)) return;
-    state->held -= level->m;
     keep(state, level, weight, NULL, 0, arena);
 }
 

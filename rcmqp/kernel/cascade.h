@@ -81,7 +81,7 @@ void narrow(State *state, const double *rows, int count, double tol, Arena *aren
 Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
                    double *multipliers, int *rounds, Arena *arena);
 
-void keep_exactly(State *state, const Level *level, Arena *arena);
+void keep_exactly(State *state, const Level *level, int held, Arena *arena);
 
 Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
               double *speed, double *multipliers, int *rounds, Arena *arena);

@@ -243,7 +243,7 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
             route = satisfy_rows(state, 0.0, hierarchy->max_rounds, speed, multipliers, &rounds,
                                  arena);
             const double left = excess_of(descent, asked);
-            if (hierarchy->guarded > 0 && left > REACHED_TOL) {
+            if (hierarchy->guarded > 0 && left > REACHED_TOL && left < LARGEST) {
                 descent->damping[0] = unreached_damping(left);
                 go_back(descent, before, k);
                 memcpy(state->upper, asked, sizeof(double) * (size_t)N);
@@ -266,13 +266,14 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
                                 multipliers, &rounds, arena);
             }
             const double left = missing(&level, state->v, n) * descent->unit;
-            if (k <= hierarchy->guarded && level.damping == 0.0 && left > REACHED_TOL) {
+            if (k <= hierarchy->guarded && level.damping == 0.0 && route != KEPT &&
+                left > REACHED_TOL && left < LARGEST) {
                 level.damping = descent->damping[k] = unreached_damping(left);
                 go_back(descent, before, k);
                 memset(multipliers, 0, sizeof(double) * (size_t)N);
                 route = descend(state, &level, hierarchy->max_rounds, proposed, 0, speed,
                                 multipliers, &rounds, arena);
-                keep_exactly(state, &level, arena);
+                keep_exactly(state, &level, descent->helds[k], arena);
             }
         }
         if (!is_finite(state)) {
