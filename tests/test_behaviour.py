@@ -42,7 +42,7 @@ def still() -> Run:
     run = simulate(scenario, make_controller("dual_quaternion", scenario.insertion(), T, gain=1.0))
     zeros = np.zeros((ROWS, 2))
     pairs = dict.fromkeys(("angles", "v", "v_actual", "v_measured", "q", "q_measured"), zeros)
-    two = dict.fromkeys(("lower", "upper", "acceleration_limit"), np.full(2, np.inf))
+    two = dict.fromkeys(("lower", "upper", "acceleration_limit", "jerk_limit"), np.full(2, np.inf))
     pose = {"x": dq.from_translation(np.zeros((ROWS, 3))), "pivot": np.zeros((ROWS, 3))}
     rows = run.rows() | pairs | pose | {"x_d": pose["x"]}
     rows |= dict.fromkeys(("tip", "tip_d"), np.zeros((ROWS, 3)))
@@ -343,6 +343,12 @@ def test_an_oracle_that_reads_the_file_alone_finds_the_same(name: str, tmp_path:
     # what needs the scene, the arm or the clock
     others = {"saturated_share", "obstacle_distance_min_mm", "singular_value_min"}
     others |= {"solve_time_median_us", "solve_time_p99_us"}
+    others |= {
+        "contour_rms_mm",
+        "contour_max_mm",
+        "lag_max_s",
+        "jerk_ratio_max",
+    }  # tests of their own
     assert found.keys() - expected.keys() == others
     for metric, value in expected.items():
         assert_allclose(found[metric], value, rtol=1e-8, atol=1e-8, err_msg=metric)

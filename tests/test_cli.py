@@ -105,7 +105,8 @@ def simulate_fast_helix() -> Run:
 
 
 def test_compare_puts_a_governor_in_too(call: Call, tmp_path: Path) -> None:
-    line = ("compare", "-s", "fast_helix", "-a", "ur5", "-c", "hierarchical_qp", "--json")
+    chosen = ("compare", "-s", "fast_helix", "-a", "ur5", "-c", "hierarchical_qp", "--json")
+    line = (*chosen, "--acceleration", "inf")
     (plain,) = read_json(call(*line, "--out", str(tmp_path))[1])
     (governed,) = read_json(call(*line, "--governor", "--out", str(tmp_path))[1])
     assert governed["contour_max_mm"] < 0.3 * plain["contour_max_mm"]

@@ -832,7 +832,7 @@ def test_braking_keeps_the_shaft_on_the_trocar_at_full_speed(insertion: rcmqp.In
         v = controller.step(insertion.state(q, v, a), reference).v
         a = (v - before) / T
         q = arm.integrate(q, v, T)
-    assert np.abs(v).max() > 2.0
+    assert np.abs(v).max() > 0.9
     found = stopped(insertion, angles, v)
     changes = np.abs(np.diff(found, axis=0, prepend=v[None]))
     assert (changes <= arm.acceleration * T * (1.0 + 1e-9)).all()

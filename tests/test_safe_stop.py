@@ -432,7 +432,9 @@ def test_a_reference_that_is_no_pose_is_answered_by_braking(name: str, part: sli
 @every_controller
 @pytest.mark.parametrize("arm_name", ["panda", "ur5"])
 def test_a_trocar_that_jumps_10_cm_is_followed_and_followed_back(name: str, arm_name: str) -> None:
-    insertion = inserted(arm_name)
+    free = None if arm_name == "lwa3" else math.inf
+    scenario = load_scenario("conical_helix", arm_name, acceleration=free, jerk=math.inf)
+    insertion = scenario.insertion()
     arm, controller = insertion.arm, make_controller(name, insertion, T)
     off = np.array(insertion.from_start((0.1, 0.0, 0.0)))
     q, v, a, error = insertion.q_start, np.zeros(arm.nv), np.zeros(arm.nv), []

@@ -278,7 +278,14 @@ def test_on_a_moving_trocar_the_rcm_error_is_what_theory_gives(
 @pytest.mark.parametrize("told", ["measured", "estimated", "unknown"])
 def test_hierarchical_qp_keeps_a_moving_trocar_as_theory_says(told: str) -> None:
     T = 4e-3
-    chosen = load_scenario("trocar_1cm_1hz", "ur5", period=T, pivot_velocity=told, duration=2.8)
+    chosen = load_scenario(
+        "trocar_1cm_1hz",
+        "ur5",
+        period=T,
+        pivot_velocity=told,
+        duration=2.8,
+        acceleration=math.inf,
+    )
     run = ran(chosen, "hierarchical_qp", K_c=0.0)
     error = run.rcm_error[run.time >= 2.2].max()  # a whole half of the sine, fully grown
     assert error == pytest.approx(0.01 * lag(1.0, T, told), rel=0.03)
