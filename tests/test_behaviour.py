@@ -357,7 +357,7 @@ def test_an_oracle_that_reads_the_file_alone_finds_the_same(name: str, tmp_path:
 def test_the_examples_show_every_measure() -> None:
     found = {name: compute_metrics(example(name)) for name in RUNS}
     assert found["goes on"].errors_until_s == 20.0
-    assert found["too fast"].overshoot_max_mm > 1.0
+    assert found["too fast"].overshoot_max_mm < 1.0 < found["too fast"].tip_max_mm
     assert 0.0 < found["jumps"].settling_time_s < 1.0
     assert found["rattles"].reversals_in_a_row > 2
     assert math.isnan(found["trocar moves"].overshoot_max_mm)

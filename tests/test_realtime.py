@@ -846,7 +846,7 @@ def test_braking_keeps_the_shaft_on_the_trocar_at_full_speed(insertion: rcmqp.In
             worst = max(worst, float(rcm_error(x, insertion.trocar.pivot)))
         errors.append(worst)
     assert errors[0] < 2e-5
-    assert errors[1] > 2e-3
+    assert errors[1] > 1e-4  # m; with limits on jerk the arm is slower here
 
 
 def test_braking_keeps_the_shaft_on_the_trocar(insertion: rcmqp.Insertion) -> None:
