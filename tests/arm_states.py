@@ -58,7 +58,10 @@ def controllers(arm: str) -> tuple[HierarchicalQP, HierarchicalQP]:
     insertion = load_scenario("conical_helix", arm).insertion()
     free, limited = (
         HierarchicalQP(
-            insertion, PERIOD, limits=[JointLimits(insertion.arm, PERIOD, acceleration=limited)]
+            insertion,
+            PERIOD,
+            approach=0.0,
+            limits=[JointLimits(insertion.arm, PERIOD, acceleration=limited)],
         )
         for limited in (False, True)
     )
