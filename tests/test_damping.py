@@ -165,8 +165,8 @@ def steepest(along: Along, step: float = 1e-7) -> float:
 
 SLOPES = {"ur5": 1.2e5, "meka_a2": 2.3e6}
 """[rad/s per rad] Three times what was measured. The Meka's is that of the strict RCM: five joints
-are at their bounds, and the other two hold it nearly in parallel. LWA3 and Panda are left out: where their
-answer first touches a bound, the levels are solved inside the bounds, and the answer may jump."""
+are at their bounds, and the other two hold it nearly in parallel. LWA3 and Panda are left out:
+where their answer first touches a bound, levels are solved inside the bounds, and it may jump."""
 
 
 @pytest.mark.parametrize("arm", SLOPES)

@@ -66,7 +66,8 @@ class HierarchicalQP(Controller):
       1 rad/s, the roll 30 mrad/s (Task.damping; 0 makes a level strict, and the arm restless).
       This damping vanishes where the Jacobian's singular values are above it: the tip of an
       ordinary run loses less than 0.001 mm. It takes over where a level is near a singularity, or
-      blocked by a bound, and there keeps v continuous in the state, the reference and the bounds.
+      blocked by a bound, and there keeps v from jumping with the state, the reference and the
+      bounds, but for one place: where the closed form first meets a bound.
       Without it the optimum jumps from vertex to vertex, and the arm never comes to rest.
     - A lower level is held to what a damped one has reached, except in directions in which that
       one gains less than 0.03 mm/s, or 0.1 mrad/s, at 1 rad/s.

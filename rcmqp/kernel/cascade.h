@@ -17,7 +17,8 @@
  * over what is free, c_j = A_j v_j what the damped levels above have reached. L is an analytic
  * function of A: d in a direction in which A gains nothing, d^3 / (d^2 + sigma^2) in one with the
  * singular value sigma. The first two terms alone have eigenvalues of at least 0.889 d^2, so the
- * optimum is unique, and continuous in A, b, Z and the bounds; without bounds v changes by at most
+ * optimum is unique, and continuous in A, b, Z and the bounds (hierarchy.h: not where the closed
+ * form gives way to levels inside the bounds); without bounds v changes by at most
  * 0.81 / d of a change of b. Where nothing is near singular or blocked, it is the strict level's
  * answer to (d / sigma)^6. A damped level takes nothing out of Z; the last term holds later levels
  * to c_j.
