@@ -116,6 +116,7 @@ class HierarchicalQP(Controller):
     _names: tuple[str, ...] = field(init=False, repr=False)
     _numbers: tuple[str, ...] = field(init=False, repr=False)
     _braking: Array = field(init=False, repr=False)
+    _able: tuple[Array, Array] = field(init=False, repr=False)
     _guarded: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -151,6 +152,11 @@ class HierarchicalQP(Controller):
         names = tuple(level.name for level in levels)
         object.__setattr__(self, "_hierarchy", hierarchy)
         object.__setattr__(self, "_program", program)
+        arm = self.insertion.arm
+        able = arm.acceleration, arm.jerk
+        if program is not None:
+            able = np.array(program.joints[3]), np.array(program.joints[4])
+        object.__setattr__(self, "_able", able)
         object.__setattr__(self, "_braking", np.array([self.period, self.approach]))
         object.__setattr__(self, "_names", names)
         numbers = {**_residuals(levels), **type(self).diagnostics}
@@ -188,9 +194,7 @@ class HierarchicalQP(Controller):
         arm, made = self.insertion.arm, []
         strict = np.zeros((0, arm.nv))
         for level in self._levels:
-            approach = Approach(
-                state.v, state.a, arm.acceleration, arm.jerk, self.approach, self.period, strict
-            )
+            approach = Approach(state.v, state.a, *self._able, self.approach, self.period, strict)
             made.append(level.level(state, reference, approach))
             strict_so_far = len(strict) == sum(len(x.A) for x in made[:-1])
             if made[-1].damping == 0.0 and strict_so_far and made[-1].A.shape[1] == arm.nv:
