@@ -176,6 +176,35 @@ def test_the_largest_velocity_stops_on_the_position_limit_to_the_last_bit(
     assert np.array_equal(other.lower, -box.upper)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_that_turns_back_before_its_acceleration_is_zero_turns_before_the_limit(
+    side: float,
+) -> None:
+    """Braking so hard that it will go backwards: where it turns is inside, to the last bit."""
+    rng, n, T = np.random.default_rng(7), 60, 1e-3
+    ones = np.ones(n)
+    acceleration, jerk = rng.uniform(5.0, 20.0, n), rng.uniform(500.0, 3000.0, n)
+    arm = arm_of(-10.0 * ones, 10.0 * ones, 2.0 * ones, acceleration, jerk)
+    limit = JointLimits(arm, T)
+    e = limit.easing * jerk
+    change = -rng.uniform(0.2, 0.9, n) * acceleration
+    v = rng.uniform(0.02, 0.6, n) * change**2 / (2.0 * e)  # the rest of it goes backwards
+    turning = np.zeros(n)
+    for i in range(n):
+        speed, a = v[i], change[i]
+        while speed > 0.0:
+            turning[i] += T * speed
+            a = min(0.0, a + e[i] * T)
+            speed += T * a
+    before = v - T * change
+    a = change - rng.uniform(-0.4, 0.4, n) * T * jerk
+    box = limit.evaluate(joint_state(side * (10.0 - turning), side * before, side * a), NOW)
+    fastest = box.upper if side > 0.0 else -box.lower
+    free = (np.abs(change - a) < 0.9 * T * jerk) & (a > -acceleration)
+    assert free.sum() > 30
+    assert_allclose(fastest[free], v[free], rtol=0, atol=1e-12)
+
+
 # In every cycle to come --------------------------------------------------------------------
 
 
@@ -381,6 +410,9 @@ def test_absurd_but_finite_numbers_leave_a_finite_box_inside_the_speed_limits(
                 box = limit.evaluate(state, NOW)
                 assert (box.lower <= box.upper).all()
                 assert (np.abs([box.lower, box.upper]) <= arm.velocity * (1 + 1e-12)).all()
+    known = np.minimum(arm.acceleration, 1.0)
+    fast = limit.evaluate(joint_state(q, np.full(arm.nv, 1e300), known), NOW)
+    assert (fast.upper <= arm.velocity).all()
     unknown = limit.evaluate(joint_state(np.full(arm.nv, np.nan), 0.1 * arm.velocity), NOW)
     far = limit.evaluate(joint_state(q, 0.1 * arm.velocity), NOW)
     free = np.isinf(arm.upper)

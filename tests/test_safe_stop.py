@@ -243,6 +243,47 @@ def test_a_stop_keeps_each_limit_that_the_joints_alone_could_keep(
     assert tight >= 6
 
 
+def test_joints_slow_down_in_proportion_while_the_deceleration_grows_and_falls() -> None:
+    insertion, T = limited("panda"), 0.001
+    arm, brake = insertion.arm, Brake(insertion, T)
+    v, angles = np.array([0.3, -0.2, 0.1, 0.05, 0.0, -0.4, 0.2]), np.full(7, np.nan)
+    first, a, cycles = v, np.zeros(7), 0
+    while v.any():
+        before, v = v, brake.velocity(angles, v, a)
+        a, cycles = (v - before) / T, cycles + 1
+        assert_allclose(v, v[0] / first[0] * first, rtol=0, atol=1e-12)
+    slowest = np.max(2.0 * np.sqrt(np.abs(first) / arm.jerk))  # up and down at once
+    assert slowest - T < cycles * T < 1.05 * slowest + 3 * T
+
+
+def test_joints_that_stop_alone_each_take_their_own_time() -> None:
+    insertion, T = limited("panda"), 0.001
+    arm, brake = insertion.arm, Brake(insertion, T)
+    v, angles, a = 0.5 * arm.velocity, insertion.angles_start, np.zeros(7)
+    first, ends = v, np.zeros(7)
+    for k in range(2000):
+        before, v = v, brake.velocity(angles, v, a, alone=True)
+        a, ends = (v - before) / T, np.where(before != 0.0, k + 1.0, ends)
+    A, j = arm.acceleration, arm.jerk
+    own = np.where(first * j < A**2, 2.0 * np.sqrt(first / j), first / A + A / j)
+    assert (ends * T < own + 3 * T).all()
+    assert (ends * T > own - 2 * T).all()
+    assert own.max() > 1.5 * own.min()
+
+
+def test_a_joint_has_all_its_room_to_stop_in() -> None:
+    """At a twentieth more than its shortest way it need not slow down yet."""
+    insertion, T = limited("panda"), 0.001
+    arm, brake = insertion.arm, Brake(insertion, T)
+    v, still = 0.5 * arm.velocity, np.zeros(7)
+    each = zip(v, still, arm.acceleration, arm.jerk, strict=True)
+    way = np.array([alone(*numbers, T)[1] for numbers in each])
+    upper = brake.box(arm.upper - 1.05 * way, v, still)[1]
+    assert (upper >= v).all()
+    upper = brake.box(arm.upper - 0.95 * way, v, still)[1]
+    assert_allclose(upper, v - T**2 * arm.jerk, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", arm_names())
 def test_a_stop_with_limited_jerk_keeps_the_shaft_on_the_trocar(name: str) -> None:
     """From a motion along the trocar, at a tenth of full speed, in the middle of the limits."""
