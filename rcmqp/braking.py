@@ -80,11 +80,11 @@ class Brake:
 
     Above all levels is the box of the joints' limits. In it the shaft's point at the trocar does
     not move, see RcmTask; below that, all joints slow down in proportion, v = s v', with s as
-    small as every joint's limits of acceleration and jerk allow: the rate s' of the common
-    slowing down is chosen like the acceleration of a joint, with the least of A_i / |v_i| and of
-    j_i / |v_i| as its limits, such that it is zero again at rest. No joint is sent
-    through zero by this, and a joint that has to stop faster, or cannot follow, does what its
-    own limits allow.
+    small as every joint's limits of acceleration and jerk allow: the rate of the common slowing
+    down is chosen like the acceleration of a joint, with the least of A_i / |v_i| and of
+    j_i / |v_i| as its limits, such that it is zero again at rest. No joint is sent through zero
+    by this, and a joint that has to stop faster, or cannot follow, does what its own limits
+    allow.
 
     The box is that of JointLimits with all of the acceleration and the jerk, joined with that of
     its usual shares: both let a joint stop before its position limit, and what one of them has
@@ -94,10 +94,10 @@ class Brake:
 
     Once each joint may be at rest in this cycle, and without acceleration in the next, all are.
 
-    The speed |v| of a stop on the trocar shrinks by min_i A_i / |v_i| times itself or faster
-    where the trocar allows to slow down in proportion, and it does to first order: rows that v'
-    fulfils s v' does too. So the joints together take no longer than the slowest by itself, and
-    what it takes to do away with the accelerations of before.
+    A motion that leaves the shaft's point where it is does so at s v', too, to first order. So
+    in proportion the joints take no longer than the slowest by itself, but for the accelerations
+    of before and for what the trocar's curvature asks of the joints. How long it takes and how
+    far the shaft goes is measured by benchmarks/safe_stops.py.
 
     Attributes:
         insertion: whose arm.
@@ -147,12 +147,12 @@ class Brake:
         at_rest = (lower <= NOTHING) & (upper >= -NOTHING) & (np.abs(v) <= arm.jerk * T**2)
         if at_rest.all():
             return np.zeros(arm.nv)
-        own = v - np.sign(v) * T * braking_speed(np.abs(v), arm.jerk, T)
-        least, most = np.where(v < 0.0, lower, own), np.where(v > 0.0, upper, own)
-        wanted = np.clip(own if alone else self._together(v, a), least, np.maximum(least, most))
-        wanted = np.clip(wanted, lower, upper)
+        if alone:
+            wanted = v - np.sign(v) * T * braking_speed(np.abs(v), arm.jerk, T)
+        else:
+            wanted = self._together(v, a)
         if shaft is None or not np.isfinite(shaft.J_local).all():
-            return wanted
+            return np.clip(wanted, lower, upper)
         state = dataclasses.replace(shaft, v=v, a=a)
         pivot = nearest(state, np.array(self.insertion.trocar.pivot)) if held is None else held
         rcm = self._rcm.evaluate(state, Reference(state.x, np.zeros(8), pivot, STILL))
