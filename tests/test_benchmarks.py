@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from rcmqp import arm_names
+
 SIMULATION = Path(__file__).parent.parent / "benchmarks" / "simulation.py"
+SAFE_STOPS = Path(__file__).parent.parent / "benchmarks" / "safe_stops.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
 REST = Path(__file__).parent.parent / "benchmarks" / "rest.py"
 CASES = ("dual_quaternion", "RCM > tip > posture", "pose > posture")
@@ -43,6 +46,20 @@ def test_a_short_benchmark_follows_the_circle_and_names_a_peer_that_cannot_be_ha
     for case in CASES:
         assert any(f"| rcmqp | {case} |" in row for row in rows)
     assert any("| mink |" in row and "not installed" in row for row in rows)
+
+
+def test_a_few_safe_stops_are_inside_every_limit() -> None:
+    done = subprocess.run(
+        [sys.executable, SAFE_STOPS, "--states", "16"], capture_output=True, text=True, check=True
+    )
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
+    assert [row[0] for row in rows] == [*arm_names(), "all"]
+    assert [int(row[1]) for row in rows] == [2] * len(arm_names()) + [16]
+    over, excess, longest = (float(rows[-1][column]) for column in (3, 4, 6))
+    assert over < 1e-9
+    assert excess < 1e-7
+    assert longest < 6.0
+    assert float(rows[-1][8]) < 0.05  # [mm], where the trocar can be kept
 
 
 def test_what_simulate_adds_is_a_row_for_each_law() -> None:

@@ -87,7 +87,9 @@ class JointLimits(Limit):
         braking: B as a share of the acceleration limit. With 1 the RCM of the camera task gives
             way by 9 mm on the LWA3, whose joints then all are at their limits; with a quarter by
             0.00001 mm.
-        easing: e as a share of the jerk limit.
+        easing: e as a share of the jerk limit. Of ten wild runs of the Panda, with jerk limits
+            that let a joint reach its acceleration in 50 ms, the second worst is off the trocar
+            by 70 mm at a half and by 5 mm at a quarter.
         acceleration: whether to keep the limits of acceleration and jerk; without them a joint
             may stop within one cycle, and state.v and state.a are not looked at.
         table: (JOINT_NUMBERS, nv) lowest and highest angle that a stop may end at, V, A, j, B, e.
