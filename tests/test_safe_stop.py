@@ -252,7 +252,9 @@ def test_joints_slow_down_in_proportion_while_the_deceleration_grows_and_falls()
         before, v = v, brake.velocity(angles, v, a)
         a, cycles = (v - before) / T, cycles + 1
         assert_allclose(v, v[0] / first[0] * first, rtol=0, atol=1e-12)
-    slowest = np.max(2.0 * np.sqrt(np.abs(first) / arm.jerk))  # up and down at once
+    speed = np.abs(first[first != 0.0])
+    A, j = (np.min(limit[first != 0.0] / speed) for limit in (arm.acceleration, arm.jerk))
+    slowest = 2.0 / np.sqrt(j) if j < A**2 else 1.0 / A + A / j
     assert slowest - T < cycles * T < 1.05 * slowest + 3 * T
 
 
