@@ -23,8 +23,6 @@ from rcmqp.dualquaternion import Array
 from rcmqp.qp.levels import Bounds, Level
 
 AT_BOUND = 1e-9
-NOTHING = 1e-14
-"""An entry of a row below this is rounding."""
 
 
 def constant(name: str) -> float:
@@ -229,7 +227,7 @@ def one_by_one(p: Problem, guarded: int) -> list[Stacked]:
 def nothing_of(rows: Array, movable: NDArray[np.bool_]) -> Array:
     """Orthonormal basis of what changes no row; joints that are in no row stand alone in it."""
     count = rows.shape[1]
-    used = movable & (np.abs(rows).max(axis=0, initial=0.0) > NOTHING)
+    used = movable & (np.abs(rows).max(axis=0, initial=0.0) > constant("RESOLUTION"))
     Z = np.eye(count)[:, movable & ~used]
     largest = float(np.linalg.norm(rows[:, used], 2)) if used.any() else 0.0
     if largest == 0.0:

@@ -17,7 +17,7 @@ def test_at_random_states_every_level_is_that_of_an_independent_exact_solution(a
     print(f"{arm}: in {missed} of {COUNT} states the RCM's second answer, {alone} of them alone")
     assert all(found.decided for found in verdicts)
     assert all(found.answered for found in verdicts)
-    assert max(found.apart for found in verdicts) < (1e-6 if arm in ("lwa3", "panda") else 1e-3)
+    assert max(found.apart for found in verdicts) < 1e-6
     assert np.max([found.differences for found in verdicts]) < 1e-6
     assert max(found.kkt for found in verdicts) < 1e-8
     assert np.mean([found.active for found in verdicts]) >= 0.3
