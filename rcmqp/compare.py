@@ -321,7 +321,7 @@ def as_csv(rows: Iterable[Row]) -> str:
 def as_markdown(rows: Iterable[Row]) -> str:
     """The columns that a reader compares: errors and limits; then what happens over time."""
     rows = list(rows)
-    lines = [_line(_TITLES.values()), _line(["---"] * 3 + ["---:"] * 11 + ["---"])]
+    lines = [_line(_TITLES.values()), _rule(_TITLES)]
     for row in rows:
         cells = {name: _cell(getattr(row, name)) for name in _TITLES}
         if not row.failure:
@@ -331,13 +331,18 @@ def as_markdown(rows: Iterable[Row]) -> str:
         lines.append(_line(cells.values()))
     made = [row for row in rows if not row.failure]
     if made:
-        lines += ["", _line(_OVER_TIME.values()), _line(["---"] * 3 + ["---:"] * 11)]
+        lines += ["", _line(_OVER_TIME.values()), _rule(_OVER_TIME)]
     for row in made:
         cells = {name: _cell(getattr(row, name)) for name in _OVER_TIME}
         for name in AFTER_THE_STOP:
             cells[name] = after_the_stop(getattr(row, name), ".4g")
         lines.append(_line(cells.values()))
     return "\n".join(lines) + "\n"
+
+
+def _rule(titles: Iterable[str]) -> str:
+    """Below the heads: names and remarks to the left, numbers to the right."""
+    return _line("---" if name in (*_NAMES, "failure") else "---:" for name in titles)
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -85,7 +85,7 @@ static void wanted_rate(double gain, Ability can, double period, const double *e
 {
     const double d = size_of_vector(e, m);
     double phi = gain;
-    if (d > NO_SIZE && can.acceleration < INFINITY)
+    if (d > NO_SIZE && (can.acceleration < INFINITY || can.jerk < INFINITY))
         phi = smaller(gain, stop_speed(d, can.acceleration, can.jerk, period) / d);
     for (int i = 0; i < m; ++i) rate[i] = -phi * e[i];
 }
@@ -106,14 +106,15 @@ static void wanted_rate(double gain, Ability can, double period, const double *e
  * once.
  *
  * What the joints can do along a direction n is min_j limit_j / |w_j|, w their part in it. All of it
- * is continuous in the state. Without limits on the acceleration the rate is -gain e. */
+ * is continuous in the state. Without limits the rate is -gain e. */
 void approach_rate(const Brakes *brakes, const Approached *task, double *rate, Arena *arena)
 {
     const int n = brakes->n, m = task->m;
     const double T = brakes->period, K = task->gain, d = size_of_vector(task->e, m);
     int limited = 0;
     for (int i = 0; i < m; ++i) rate[i] = -K * task->e[i];
-    for (int p = 0; p < n; ++p) limited = limited || brakes->acceleration[p] < INFINITY;
+    for (int p = 0; p < n; ++p)
+        limited = limited || brakes->acceleration[p] < INFINITY || brakes->jerk[p] < INFINITY;
     if (!limited || !(brakes->share > 0.0)) return;
     const size_t mark = arena->used;
     double *H = take(arena, n * n), *w = take(arena, n), *now = take(arena, m);
