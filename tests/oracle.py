@@ -163,13 +163,13 @@ class Stacked:
     v: Array
 
 
-def speed_rows(A: Array, Z: Array, damping: float) -> Array:
-    """L Z^T, from the singular values of A Z: d where they are zero, d^3 / (d^2 + s^2)."""
+def speed_rows(A: Array, Z: Array, damping: float, above: Array) -> Array:
+    """L Z^T, from the singular values s of A Z / d on the rows above: d / (1 + s^2)."""
     if damping == 0.0:
         return np.zeros((0, len(Z)))
-    _, s, Vt = np.linalg.svd(A @ Z)
+    _, s, Vt = np.linalg.svd(np.vstack([A / damping, above]) @ Z)
     s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
-    return np.asarray((Vt.T * (damping**3 / (damping**2 + s**2))) @ Vt @ Z.T)
+    return np.asarray((Vt.T * (damping / (1.0 + s**2))) @ Vt @ Z.T)
 
 
 def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
@@ -180,21 +180,24 @@ def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
     n = p.bounds.lower.size
     free = one_by_one(Problem(p.levels, Bounds(np.full(n, -np.inf), np.full(n, np.inf))), 0)
     inside = (free[-1].v <= p.bounds.upper + 1e-12) & (free[-1].v >= p.bounds.lower - 1e-12)
-    return free if inside.all() else one_by_one(p, guarded)
+    return free if inside.all() else one_by_one(p, guarded, free)
 
 
-def one_by_one(p: Problem, guarded: int) -> list[Stacked]:
-    """Every level of a damped hierarchy in a box, and the rest, solved one after the other."""
+def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> list[Stacked]:
+    """Every level of a damped hierarchy in a box, and the rest, solved one after the other.
+
+    ``free`` are the levels without a box, from which those in one start.
+    """
     lower, upper = np.array(p.bounds.lower), np.array(p.bounds.upper)
     crossed = lower > upper
     lower[crossed] = upper[crossed] = 0.5 * (lower[crossed] + upper[crossed])
     n, exchange, found = lower.size, constant("EXCHANGE"), list[Stacked]()
     v, Z = np.clip(np.zeros(n), lower, upper), np.eye(n)[:, lower < upper]
-    H, h, strict = np.zeros((0, n)), np.zeros(0), np.zeros((0, n))
+    H, h, shift = np.zeros((0, n)), np.zeros(0), np.zeros(0)
+    strict, above = np.zeros((0, n)), list[Level]()
 
-    def solved(A: Array, b: Array, damping: float) -> Stacked:
-        speed = speed_rows(A, Z, damping)
-        M, c = np.vstack([A, speed, H]), np.concatenate([b, np.zeros(len(speed)), h])
+    def solved(*rows: tuple[Array, Array]) -> Stacked:
+        M, c = np.vstack([A for A, _ in rows]), np.concatenate([b for _, b in rows])
         best = v
         if Z.shape == (n, n):  # nothing but the box
             best = bounded(M, c, lower, upper)
@@ -207,19 +210,42 @@ def one_by_one(p: Problem, guarded: int) -> list[Stacked]:
             best = v + Z @ y
         return Stacked(M, c, Z, best)
 
+    def wished(level: Level, at: Array) -> Array:
+        """b, less where the damped levels above are not served."""
+        missing = [(x.A @ at - x.b) / x.damping for x in above]
+        left = float(np.linalg.norm(np.concatenate([np.zeros(1), *missing])))
+        return np.asarray(level.b / (1.0 + left / constant("GIVES_WAY")))
+
     for k, level in enumerate((*p.levels, Level(np.eye(n), np.zeros(n)))):
-        one = solved(level.A, level.b, level.damping)
-        left = float(np.linalg.norm(level.A @ one.v - level.b))
-        if k < guarded and level.damping == 0.0 and left > constant("REACHED_TOL"):
-            damping = constant("UNREACHED_DAMPING") * left / (left + constant("UNREACHED"))
-            one = solved(level.A, level.b, damping)
+        d, still = level.damping, np.zeros(n if level.damping else 0)
+        if d == 0.0:
+            change = free[k - 1].v - free[-1].v if free and k else np.zeros(n)
+            b = level.b if k < guarded else wished(level, v + change)
+            one = solved((level.A, b), (H, h + shift))
+            left = float(np.linalg.norm(level.A @ one.v - level.b))
+            if k < guarded and left > constant("REACHED_TOL"):
+                d = constant("UNREACHED_DAMPING") * left / (left + constant("UNREACHED"))
+                speed = speed_rows(level.A, Z, d, H[:0])
+                one = solved((level.A, level.b), (speed, np.zeros(len(speed))), (H, h))
+            strict = np.vstack([strict, level.A])
+        elif free is None:
+            speed = speed_rows(level.A, Z, d, exchange * H)
+            one = solved((level.A, level.b), (speed, still[: len(speed)]), (H, h))
+        else:
+            start = free[-1].v
+            one = Stacked(Z.T, still, Z, start)
+            for _ in range(int(constant("PROXIMAL"))):
+                one = solved((level.A, level.A @ start), (d * Z.T, d * Z.T @ one.v), (H, h))
         found.append(one)
         v = one.v
         if level.damping > 0.0:
-            H = np.vstack([H, level.A / (exchange * level.damping)])
-            h = np.concatenate([h, level.A @ v / (exchange * level.damping)])
+            rows = level.A / (exchange * d)
+            H, h = np.vstack([H, rows]), np.concatenate([h, rows @ v])
+            moved = free[k].v - free[-1].v if free else np.zeros(n)
+            shift = np.concatenate([shift, rows @ moved])
+            if k >= guarded:
+                above.append(level)
         else:
-            strict = np.vstack([strict, level.A])
             Z = nothing_of(strict, lower < upper)
     return found
 
@@ -237,13 +263,37 @@ def nothing_of(rows: Array, movable: NDArray[np.bool_]) -> Array:
 
 
 def proved(M: Array, c: Array, G: Array, h: Array) -> Array:
-    """min |M y - c| over G y <= h, where y = 0 is inside: the attempt with the best proof."""
+    """min |M y - c| over G y <= h, where y = 0 is inside: the attempt with the best proof.
+
+    Heavy rows hide a wrong active set from the proof; so rows are taken in and out, one at a time,
+    as long as that makes |M y - c| smaller.
+    """
     h, size = np.maximum(h, 0.0), float(np.linalg.norm(M, 2))
     found = [np.zeros(M.shape[1]), inequality(M, c, G, h)]
     for share in (1e-4, 1e-6, 1e-8):
         found += least_distance(M, c, G, h, share * size)
     inside = [y for y in found if (G @ y <= h + 1e-11).all()]
-    return min(inside, key=lambda y: gap(M, M @ y - c, G[G @ y >= h - AT_BOUND]))
+    best = min(inside, key=lambda y: gap(M, M @ y - c, G[G @ y >= h - AT_BOUND]))
+    active = G @ best >= h - AT_BOUND
+    for _ in range(len(h)):
+        others = [active ^ (np.arange(len(h)) == i) for i in range(len(h))]
+        made = [(on_rows(M, c, G[other], h[other]), other) for other in others]
+        fits = [(y, other) for y, other in made if (G @ y <= h + 1e-11).all()]
+        if not fits:
+            break
+        y, other = min(fits, key=lambda pair: float(np.linalg.norm(M @ pair[0] - c)))
+        if not np.linalg.norm(M @ y - c) < np.linalg.norm(M @ best - c):
+            break
+        best, active = y, other
+    return best
+
+
+def on_rows(M: Array, c: Array, G: Array, h: Array) -> Array:
+    """min |M y - c| over G y = h, least squares of those that cannot all hold."""
+    if not len(G):
+        return np.asarray(np.linalg.lstsq(M, c, rcond=1e-12)[0])
+    at, free = np.linalg.lstsq(G, h)[0], null_space(G)
+    return np.asarray(at + free @ np.linalg.lstsq(M @ free, c - M @ at, rcond=1e-12)[0])
 
 
 def gap(M: Array, residual: Array, normals: Array) -> float:

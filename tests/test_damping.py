@@ -19,7 +19,7 @@ from rcmqp.qp import Bounds, HierarchySolution, Level
 from rcmqp.qp.hierarchy import Hierarchy
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask
 
-EXCHANGE = constant("EXCHANGE")
+EXCHANGE, GIVES_WAY = constant("EXCHANGE"), constant("GIVES_WAY")
 T = 1e-3
 
 
@@ -67,11 +67,7 @@ def test_a_level_alone_is_the_pseudoinverse_to_the_sixth_power_of_d_over_sigma()
 def test_where_nothing_is_near_singular_the_hierarchy_is_the_strict_one(
     roll: bool, law: float
 ) -> None:
-    """To (d / sigma)^6 with one damped level; to (d / sigma)^2 with a second one below it.
-
-    L is made for all that strict levels leave free, and so the second level also weighs the speed
-    that it needs to stay out of the first one's way.
-    """
+    """To (d / sigma)^6, with sigma of what the levels above leave free: less for the roll."""
     rng, solver, n, most = np.random.default_rng(7), Hierarchy("active_set"), 7, 0.0
     for _ in range(200):
         A = np.split(rows(rng, rng.uniform(0.3, 1.0, size=6)), [2, 5])
@@ -100,11 +96,23 @@ def test_a_lower_level_moves_a_damped_one_no_more_than_the_exchange_allows() -> 
         U, sigma, _ = np.linalg.svd(A)
         damped = (d**3 / (d**2 + sigma**2)) ** 2
         alone = U @ (sigma**2 / (sigma**2 + damped) * (U.T @ b))
+        share = 1.0 / (1.0 + np.linalg.norm(alone - b) / d / GIVES_WAY)
         moved = np.linalg.norm(A @ found.v - alone)
-        allowed = (EXCHANGE * d) ** 2 * np.linalg.norm(found.v - posture) / sigma.min()
+        allowed = (EXCHANGE * d) ** 2 * np.linalg.norm(found.v - share * posture) / sigma.min()
         assert moved <= allowed * (1.0 + 1e-6) + 1e-14
         most = max(most, float(moved / allowed))
     assert most > 0.3
+
+
+def test_a_strict_level_gives_way_where_a_damped_one_above_it_is_not_served() -> None:
+    """By half where GIVES_WAY times the damping is missing above; not where nothing is."""
+    solver, posture, d = Hierarchy("active_set"), np.full(3, 0.2), 0.01
+    tip = Level(np.eye(1, 3), np.zeros(1), damping=d)
+    box = Bounds(np.full(3, -1.0), np.array([-d * GIVES_WAY, 1.0, 1.0]))
+    held = solver.solve([tip, Level(np.eye(3), posture)], box).v
+    assert held[1:] == pytest.approx(0.5 * posture[1:], rel=1e-3)
+    free = solver.solve([tip, Level(np.eye(3), posture)], unbounded(3)).v
+    assert free[1:] == pytest.approx(posture[1:], rel=1e-9)
 
 
 # Continuity --------------------------------------------------------------------------------
@@ -163,20 +171,22 @@ def steepest(along: Along, step: float = 1e-7) -> float:
     return most
 
 
-SLOPES = {"ur5": 1.2e5, "meka_a2": 2.3e6}
+SLOPES = {"ur5": 1.8e4, "panda": 3.6e4, "lwa3": 1.4e5, "meka_a2": 2.3e6}
 """[rad/s per rad] Three times what was measured. The Meka's is that of the strict RCM: five joints
-are at their bounds, and the other two hold it nearly in parallel. LWA3 and Panda are left out:
-where their answer first touches a bound, levels are solved inside the bounds, and it may jump."""
+are at their bounds, and the other two hold it nearly in parallel; without that one line it is a
+hundredth."""
 
 
 @pytest.mark.parametrize("arm", SLOPES)
 def test_the_command_has_no_jump_through_singular_and_blocked_states(arm: str) -> None:
-    """Strict levels have jumps of some rad/s there, over steps of 1e-7 rad."""
+    """Strict levels have jumps of some rad/s there; a jump's slope grows as the step shrinks."""
     insertion = load_scenario("conical_helix", arm).insertion()
     slopes = {}
-    for damping in (None, 0.0):
+    for damping, step in ((None, 1e-7), (None, 1e-9), (0.0, 1e-7)):
         rng, answering = np.random.default_rng(4), controller(insertion, damping)
-        slopes[damping] = max(steepest(line(answering, rng)) for _ in range(120))
+        slopes[damping, step] = max(steepest(line(answering, rng), step) for _ in range(120))
     print(arm, slopes)
-    assert slopes[None] < SLOPES[arm]
-    assert slopes[0.0] > 10.0 * SLOPES[arm]
+    assert slopes[None, 1e-9] < SLOPES[arm]
+    assert slopes[None, 1e-9] == pytest.approx(slopes[None, 1e-7], rel=0.1)
+    if arm != "lwa3":  # no line of its comes past such a state
+        assert slopes[0.0, 1e-7] > 10.0 * SLOPES[arm]

@@ -80,14 +80,18 @@ static double stop_speed(double distance, double acceleration, double jerk, doub
 }
 
 /* The wanted rate -phi e (m) of an error e. */
-static void wanted_rate(double gain, Ability can, double period, const double *e, int m,
-                        double *rate)
+static void wanted_rate(const Brakes *brakes, const Approached *task, const double *H,
+                        const double *e, double *rate, double *w)
 {
-    const double d = size_of_vector(e, m);
-    double phi = gain;
-    if (d > NO_SIZE && (can.acceleration < INFINITY || can.jerk < INFINITY))
-        phi = smaller(gain, stop_speed(d, can.acceleration, can.jerk, period) / d);
-    for (int i = 0; i < m; ++i) rate[i] = -phi * e[i];
+    const double d = size_of_vector(e, task->m);
+    double phi = task->gain;
+    if (d > NO_SIZE) {
+        const Ability can = ability(brakes, task, H, e, d, w);
+        const double A = brakes->share * can.acceleration, jerk = EASING * can.jerk;
+        if (A < INFINITY || jerk < INFINITY)
+            phi = smaller(phi, stop_speed(d, A, jerk, brakes->period) / d);
+    }
+    for (int i = 0; i < task->m; ++i) rate[i] = -phi * e[i];
 }
 
 /* What d(error)/dt a task may ask for, rate (m).
@@ -121,17 +125,12 @@ void approach_rate(const Brakes *brakes, const Approached *task, double *rate, A
     double *next = take(arena, m), *later = take(arena, m);
     double *left = take(arena, m), *kept = take(arena, m);
     prepare(brakes, task, H);
-    Ability can = {INFINITY, INFINITY};
-    if (d > NO_SIZE) {
-        can = ability(brakes, task, H, task->e, d, w);
-        can.acceleration *= brakes->share, can.jerk *= EASING;
-        wanted_rate(K, can, T, task->e, m, rate);
-    }
+    wanted_rate(brakes, task, H, task->e, rate, w);
     for (int i = 0; i < m; ++i) {
         now[i] = dot(task->A + i * n, brakes->v, n) - task->carried[i];
         next[i] = task->e[i] + T * now[i];
     }
-    wanted_rate(K, can, T, next, m, later);
+    wanted_rate(brakes, task, H, next, later, w);
     for (int i = 0; i < m; ++i) {
         later[i] += now[i] - rate[i]; /* the rate now, with the change of the wanted one */
         left[i] = rate[i] - later[i];

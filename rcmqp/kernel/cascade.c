@@ -71,25 +71,30 @@ static void move(State *state, const double *y)
 /* What counts as dependent in rows that were divided by `weight`. */
 static double resolution(double weight) { return larger(RESOLUTION / weight, ROUNDING); }
 
-/* Rows of a damped level's speed: L Z^T (free, n), see cascade.h; B (m, free) is A Z. */
-static void speed_rows(const State *state, const double *B, int m, double damping, double *speed,
-                       Arena *arena)
+/* Rows of a damped level's speed: L Z^T (free, n), see cascade.h. */
+static void speed_rows(const State *state, const Level *level, double *speed, Arena *arena)
 {
     const size_t mark = arena->used;
-    const int n = state->n, free = state->free;
-    double *S = take(arena, m * m), *W = take(arena, m * free), *L = take(arena, free * free);
-    const double square = damping * damping;
+    const int n = state->n, free = state->free, m = level->m, all = m + state->held;
+    double *C = take(arena, all * free), *W = take(arena, all * free);
+    double *S = take(arena, all * all), *L = take(arena, free * free);
     for (int i = 0; i < m; ++i)
+        for (int j = 0; j < free; ++j)
+            C[i * free + j] = along(state, level->A + i * n, j) / level->damping;
+    for (int i = 0; i < state->held; ++i)
+        for (int j = 0; j < free; ++j)
+            C[(m + i) * free + j] = EXCHANGE * along(state, state->H + i * n, j);
+    for (int i = 0; i < all; ++i)
         for (int j = 0; j <= i; ++j)
-            S[i * m + j] = dot(B + i * free, B + j * free, free) + (i == j ? square : 0.0);
-    memcpy(W, B, sizeof(double) * (size_t)(m * free));
-    cholesky(S, m);
-    cholesky_solve(S, m, W, free); /* (I + B^T B / d^2)^-1 = I - B^T (d^2 I + B B^T)^-1 B */
+            S[i * all + j] = dot(C + i * free, C + j * free, free) + (i == j ? 1.0 : 0.0);
+    memcpy(W, C, sizeof(double) * (size_t)(all * free));
+    cholesky(S, all);
+    cholesky_solve(S, all, W, free); /* (I + C^T C)^-1 = I - C^T (I + C C^T)^-1 C */
     for (int i = 0; i < free; ++i)
         for (int j = 0; j < free; ++j) {
             double total = i == j ? 1.0 : 0.0;
-            for (int p = 0; p < m; ++p) total -= B[p * free + i] * W[p * free + j];
-            L[i * free + j] = damping * total;
+            for (int p = 0; p < all; ++p) total -= C[p * free + i] * W[p * free + j];
+            L[i * free + j] = level->damping * total;
         }
     for (int i = 0; i < free; ++i)
         for (int p = 0; p < n; ++p) speed[i * n + p] = dot(L + i * free, state->Z + p * n, free);
@@ -111,10 +116,17 @@ static double add_row(const State *state, const double *a, double b, double weig
     return av;
 }
 
-/* A level in the free coordinates; rows (N) says which bound each row of R is. speed (n, n) is
- * filled in where the level is damped. */
+/* What row i of the damped levels above is to be. */
+static double held_to(const State *state, const Level *level, int i)
+{
+    return state->h[i] + (level->damping > 0.0 ? 0.0 : state->shift[i]);
+}
+
+/* A level in the free coordinates; rows (N) says which bound each row of R is. speed (n, n) and
+ * still (n), what its rows are when the speed costs nothing, are filled in where the level is
+ * damped. */
 void make_problem(const State *state, const Level *level, Problem *problem, double *speed,
-                  int *rows, Arena *arena)
+                  double *still, int *rows, Arena *arena)
 {
     const int n = state->n, free = state->free, N = state->N, m = level->m;
     const int damped = level->damping > 0.0 ? free : 0, all = m + damped + state->held;
@@ -131,16 +143,19 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
     }
     problem->scale = norm_of(level->b, m) / weight + sqrt(total);
     if (damped) {
-        const size_t mark = arena->used;
-        double *B = take(arena, m * free);
-        for (int i = 0; i < m * free; ++i) B[i] = problem->M[i] * weight;
-        speed_rows(state, B, m, level->damping, speed, arena);
-        for (int i = 0; i < damped; ++i)
-            add_row(state, speed + i * n, 0.0, weight, m + i, problem);
-        arena->used = mark;
+        if (level->from == NULL) {
+            speed_rows(state, level, speed, arena);
+        } else {
+            for (int i = 0; i < free; ++i)
+                for (int p = 0; p < n; ++p) speed[i * n + p] = level->damping * state->Z[p * n + i];
+        }
+        for (int i = 0; i < free; ++i) {
+            still[i] = level->from == NULL ? 0.0 : dot(speed + i * n, level->from, n);
+            add_row(state, speed + i * n, still[i], weight, m + i, problem);
+        }
     }
     for (int i = 0; i < state->held; ++i)
-        add_row(state, state->H + i * n, state->h[i], weight, m + damped + i, problem);
+        add_row(state, state->H + i * n, held_to(state, level, i), weight, m + damped + i, problem);
     for (int i = 0; i < N; ++i) {
         if (state->lower[i] == -INFINITY && state->upper[i] == INFINITY) continue;
         const double Gv = dot(state->G + i * n, state->v, n);
@@ -162,6 +177,7 @@ static void hold(State *state, const Level *level)
         double *row = state->H + state->held * n;
         for (int p = 0; p < n; ++p) row[p] = level->A[i * n + p] / by;
         state->h[state->held] = dot(row, state->v, n);
+        state->shift[state->held] = state->offset == NULL ? 0.0 : dot(row, state->offset, n);
     }
 }
 
@@ -177,7 +193,7 @@ static int overflows(const Problem *problem)
  * leaves V, and one whose multiplier says that exceeding it pays enters. The sum falls from round
  * to round, so that no V comes back. With damping, speed (n, n) is weighed against the sum. */
 Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
-                   double *multipliers, int *rounds, Arena *arena)
+                   double *still, double *multipliers, int *rounds, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = state->n, N = state->N;
@@ -228,7 +244,7 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        make_problem(&open, &(Level){m, A, b, damping}, &problem, speed, index, arena);
+        make_problem(&open, &(Level){m, A, b, damping, NULL}, &problem, speed, still, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
             break;
@@ -279,7 +295,7 @@ void keep_exactly(State *state, const Level *level, int held, Arena *arena)
  * Where a bound is in the way, `ask` is set and the proposed active set is not right at once,
  * nothing is done and the answer is BLOCKED. */
 Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
-              double *speed, double *multipliers, int *rounds, Arena *arena)
+              double *speed, double *still, double *multipliers, int *rounds, Arena *arena)
 {
     const size_t mark = arena->used;
     const int free = state->free, m = level->m;
@@ -290,7 +306,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     Problem problem;
     *rounds = 0;
     if (free == 0 || m == 0) return CLOSED_FORM;
-    make_problem(state, level, &problem, speed, index, arena);
+    make_problem(state, level, &problem, speed, still, index, arena);
     const int k = problem.k;
     if (problem.weight == 0.0) goto done;
     if (overflows(&problem)) {
@@ -366,9 +382,9 @@ static double add_gradient(const double *rows, const double *b, int count, const
  * The larger of: gradient plus G^T multipliers along Z (n, n), its first `free` columns, what was
  * free before the level, and multiplier times slack at the bound of the multiplier's sign, over
  * `small`; both over the size of the gradient's terms, or `small`. The state's held rows are those
- * of the level, and speed (free, n) its rows of the speed, where it is damped. */
+ * of the level; speed (free, n) and still (free) its rows of the speed, where it is damped. */
 double kkt_residual(const State *state, const Level *level, const double *v, const double *speed,
-                    const double *multipliers, const double *Z, int free, double small,
+                    const double *still, const double *multipliers, const double *Z, int free, double small,
                     Arena *arena)
 {
     const size_t mark = arena->used;
@@ -376,8 +392,10 @@ double kkt_residual(const State *state, const Level *level, const double *v, con
     double *gradient = take(arena, n), worst = 0.0;
     memset(gradient, 0, sizeof(double) * (size_t)n);
     double scale = add_gradient(level->A, level->b, level->m, v, n, gradient);
-    if (level->damping > 0.0) scale += add_gradient(speed, NULL, free, v, n, gradient);
-    scale += add_gradient(state->H, state->h, state->held, v, n, gradient);
+    if (level->damping > 0.0) scale += add_gradient(speed, still, free, v, n, gradient);
+    double *held = take(arena, state->held);
+    for (int i = 0; i < state->held; ++i) held[i] = held_to(state, level, i);
+    scale += add_gradient(state->H, held, state->held, v, n, gradient);
     scale = larger(scale, small);
     for (int i = 0; i < state->N; ++i) {
         const double lam = multipliers[i];

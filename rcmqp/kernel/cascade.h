@@ -9,19 +9,33 @@
  *
  * That is the answer of a strict level. It is exact in every cycle, and jumps between cycles where
  * a singular value or a bound makes a level cheap to serve a little better at great speed. A damped
- * level weighs speed against what it buys: with B = A Z, d its damping and
- * L = d (I + B^T B / d^2)^-1,
+ * level weighs speed against what it buys. With d its damping, there are two forms.
+ *
+ * Without bounds, with L = d (I + C^T C)^-1 and C = A Z / d, the A_j Z / d_j of the damped levels
+ * above stacked below it,
  *
  *     min |A v - b|^2 + |L Z^T v|^2 + sum |(A_j v - c_j) / exchange_j|^2
  *
  * over what is free, c_j = A_j v_j what the damped levels above have reached. L is an analytic
- * function of A: d in a direction in which A gains nothing, d^3 / (d^2 + sigma^2) in one with the
- * singular value sigma. The first two terms alone have eigenvalues of at least 0.889 d^2, so the
- * optimum is unique, and continuous in A, b, Z and the bounds (hierarchy.h: not where the closed
- * form gives way to levels inside the bounds); without bounds v changes by at most
- * 0.81 / d of a change of b. Where nothing is near singular or blocked, it is the strict level's
- * answer to (d / sigma)^6. A damped level takes nothing out of Z; the last term holds later levels
- * to c_j.
+ * function of A: d in a direction in which nothing is gained, d / (1 + s^2) in one with the
+ * singular value s of C. The first two terms of a level alone have eigenvalues of at least
+ * 0.889 d^2, so the optimum is unique, and continuous in A, b and Z; v changes by at most 0.81 / d
+ * of a change of b. Where nothing is near singular, it is the strict level's answer to s^-6.
+ *
+ * Inside bounds, where the last v of all levels without bounds, v0, breaks one: a level aims at
+ * what it has in v0, from v0, and speed is weighed against that, PROXIMAL times:
+ *
+ *     v_1 = v0,  v_{i+1} = argmin |A (v - v0)|^2 + d^2 |Z^T (v - v_i)|^2
+ *                                 + sum |A_j (v - v_j) / exchange_j|^2
+ *
+ * with v_j what the damped levels above have reached. Every step is a projection of the step before
+ * on a convex set in a norm that changes continuously; where v0 keeps the bounds, all steps stay
+ * there. So the answer is continuous in everything, through the change from one form to the other
+ * too. In the directions that the bounds leave, a singular value sigma loses
+ * (d^2 / (d^2 + sigma^2))^PROXIMAL of what is to be made up for.
+ *
+ * A damped level takes nothing out of Z; the last term holds later levels to what it has reached.
+ * Strict levels below are held to c_j, changed as much as the bounds have changed A_j v.
  */
 #ifndef RCMQP_CASCADE_H
 #define RCMQP_CASCADE_H
@@ -55,6 +69,7 @@ typedef struct {
     const double *A; /* (m, n) */
     const double *b; /* (m) */
     double damping;  /* unit of the rows per unit of v */
+    const double *from; /* (n) inside bounds, the v from which speed counts; NULL: zero, and L */
 } Level;
 
 /* A feasible point and the directions in which it may still move. */
@@ -70,25 +85,27 @@ typedef struct {
     int held;      /* rows of the damped levels so far */
     double *H;     /* (held, n) what later levels trade off: each divided by its exchange rate */
     double *h;     /* (held) H v as the damped levels left it */
+    double *shift; /* (held) strict levels are held to h plus this: H (v_k - v0), without bounds */
+    const double *offset; /* (n) v_k - v0 of the level at hand; NULL without bounds */
 } State;
 
 double norm_of(const double *x, int count);
 
 void make_problem(const State *state, const Level *level, Problem *problem, double *speed,
-                  int *rows, Arena *arena);
+                  double *still, int *rows, Arena *arena);
 
 void narrow(State *state, const double *rows, int count, double tol, Arena *arena);
 
 Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
-                   double *multipliers, int *rounds, Arena *arena);
+                   double *still, double *multipliers, int *rounds, Arena *arena);
 
 void keep_exactly(State *state, const Level *level, int held, Arena *arena);
 
 Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
-              double *speed, double *multipliers, int *rounds, Arena *arena);
+              double *speed, double *still, double *multipliers, int *rounds, Arena *arena);
 
 double kkt_residual(const State *state, const Level *level, const double *v, const double *speed,
-                    const double *multipliers, const double *Z, int free, double small,
+                    const double *still, const double *multipliers, const double *Z, int free, double small,
                     Arena *arena);
 
 #endif

@@ -19,6 +19,13 @@
 /* Closed forms may exceed a bound by this, relative to its size, before v is clipped into it. */
 #define CLIPPED 1e-12
 
+/* Steps of a damped level inside bounds, see cascade.h. */
+#define PROXIMAL 3
+
+/* A strict level below damped ones asks for half as much when so much is missing of these, over
+ * their damping [rad/s]. */
+#define GIVES_WAY 0.003
+
 /* A level whose KKT residual is above this is not called exact. */
 #define EXACT 1e-8
 
@@ -35,6 +42,10 @@ typedef struct {
     double *speeds; /* (levels + 1, n, n) rows of a damped level's speed */
     int *helds;   /* (levels + 1) rows of damped levels before each level */
     double *damping; /* (levels + 1) of each level as it was solved */
+    double *stills;  /* (levels + 1, n) where a damped level's speed counts from, times its rows */
+    double *aim;     /* (rows) A v of the closed form's v, for damped levels inside bounds; b else */
+    double *open;    /* (n) v of the closed form */
+    double *offsets; /* (levels + 1, n) what the levels below changed in the closed form */
 } Descent;
 
 /* Numbers of scratch memory that solve_hierarchy() never exceeds. */
@@ -61,11 +72,13 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
     const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
     const int rows = (int)hierarchy->ends[levels - 1];
     Descent made = {{n, N, 0, v, take(arena, n * n), take(arena, N * n), take(arena, N),
-                     take(arena, N), take(arena, N), 0, take(arena, rows * n), take(arena, rows)},
+                     take(arena, N), take(arena, N), 0, take(arena, rows * n), take(arena, rows),
+                     take(arena, rows), NULL},
                     1.0, take(arena, rows * n), take(arena, rows), take(arena, (levels + 1) * n * n),
                     (int *)take(arena, levels + 1), take(arena, (levels + 1) * n),
                     take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1),
-                    take(arena, levels + 1)};
+                    take(arena, levels + 1), take(arena, (levels + 1) * n), take(arena, rows),
+                    take(arena, n), take(arena, (levels + 1) * n)};
     State *state = &made.state;
     double largest = 0.0;
     made.damping[0] = 0.0;
@@ -95,7 +108,8 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
         state->norms[n + i] = norm, state->lower[n + i] = -INFINITY;
         state->upper[n + i] = hierarchy->d[i] / made.unit / by;
     }
-    for (int i = 0; i < rows; ++i) made.goal[i] = hierarchy->b[i] / made.unit;
+    for (int i = 0; i < rows; ++i) made.aim[i] = made.goal[i] = hierarchy->b[i] / made.unit;
+    memset(made.stills, 0, sizeof(double) * (size_t)((levels + 1) * n));
     for (int i = 0; i < rows * n; ++i)
         made.A[i] = fabs(hierarchy->A[i]) < RESOLUTION ? 0.0 : hierarchy->A[i];
     return made;
@@ -120,7 +134,7 @@ static Level level_of(const Hierarchy *hierarchy, const Descent *descent, const 
 {
     const int first = first_row(hierarchy, k);
     return (Level){rows_of(hierarchy, k), descent->A + first * hierarchy->n, b + first,
-                   descent->damping[k]};
+                   descent->damping[k], NULL};
 }
 
 /* By how much v exceeds the hard rows, in the caller's unit. */
@@ -153,29 +167,51 @@ static double missing(const Level *level, const double *v, int n)
     return sqrt(total);
 }
 
+/* The wish of a strict level below damped ones, less where v does not serve these. */
+static void give_way(const Hierarchy *hierarchy, Descent *descent, const double *v, int k)
+{
+    const int first = first_row(hierarchy, k), rows = rows_of(hierarchy, k);
+    double total = 0.0;
+    if (k <= hierarchy->guarded || descent->damping[k] > 0.0) return;
+    for (int j = 1; j < k; ++j) {
+        if (j <= hierarchy->guarded || !(descent->damping[j] > 0.0)) continue;
+        const Level above = level_of(hierarchy, descent, descent->goal, j);
+        const double speed = missing(&above, v, hierarchy->n) / above.damping;
+        total += speed * speed;
+    }
+    const double share = 1.0 / (1.0 + sqrt(total) * descent->unit / GIVES_WAY);
+    for (int i = first; i < first + rows; ++i) descent->aim[i] = share * descent->goal[i];
+}
+
 /* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all;
  * otherwise v is where it leads, brought into the box. */
 static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = hierarchy->n, N = descent->state.N, square = n * n;
-    double *start = take(arena, n), *Z = take(arena, square), *none = take(arena, N);
+    double *start = take(arena, n), *none = take(arena, N);
     State open = descent->state;
     int fits = 1, rounds;
     memcpy(start, open.v, sizeof(double) * (size_t)n);
-    memcpy(Z, open.Z, sizeof(double) * (size_t)square);
-    open.N = 0; /* no bounds */
+    open.N = 0, open.free = n, open.Z = take(arena, square); /* no bounds */
+    memset(open.Z, 0, sizeof(double) * (size_t)square);
+    for (int i = 0; i < n; ++i) open.Z[i * n + i] = 1.0;
     for (int k = 0; k <= hierarchy->levels && fits; ++k) {
         begin_level(descent, &open, k);
         if (k > 0) {
-            const Level level = level_of(hierarchy, descent, descent->goal, k);
-            fits = descend(&open, &level, 1, none, 1, descent->speeds + k * square, none, &rounds,
-                           arena) == CLOSED_FORM;
+            give_way(hierarchy, descent, open.v, k);
+            const Level level = level_of(hierarchy, descent, descent->aim, k);
+            fits = descend(&open, &level, 1, none, 1, descent->speeds + k * square,
+                           descent->stills + k * n, none, &rounds, arena) == CLOSED_FORM;
         }
         end_level(descent, &open, k);
     }
-    memcpy(open.Z, Z, sizeof(double) * (size_t)square);
     for (int i = 0; i < n; ++i) fits = fits && fabs(open.v[i]) < LARGEST;
+    memset(descent->offsets, 0, sizeof(double) * (size_t)((hierarchy->levels + 1) * n));
+    memcpy(descent->open, fits ? open.v : start, sizeof(double) * (size_t)n);
+    for (int k = 1; k <= hierarchy->levels && fits; ++k)
+        for (int i = 0; i < n; ++i)
+            descent->offsets[k * n + i] = descent->vs[k * n + i] - open.v[i];
     if (!fits) {
         memcpy(open.v, start, sizeof(double) * (size_t)n);
         arena->used = mark;
@@ -217,76 +253,156 @@ static int is_finite(const State *state)
     return 1;
 }
 
-/* Level after level; 0 is the hard rows, which come after `after` others. */
+/* What the levels one by one work with. */
+typedef struct {
+    const Hierarchy *hierarchy;
+    Descent *descent;
+    Solution *solution;
+    Proposer propose;
+    void *backend;
+    double *before;   /* (n) v as the level began */
+    double *proposed; /* (N) active set to try */
+    int failed;       /* a backend raised */
+} Work;
+
+static double *multipliers_of(const Work *work, int k)
+{
+    return work->solution->multipliers + k * work->descent->state.N;
+}
+
+/* The signs of the multipliers (N). */
+static void active_set(const double *multipliers, int N, double *signs)
+{
+    for (int i = 0; i < N; ++i)
+        signs[i] = (double)((multipliers[i] > 0.0) - (multipliers[i] < 0.0));
+}
+
+/* The hard rows. */
+static Route serve_rows(Work *work, const double *asked, int *rounds, Arena *arena)
+{
+    Descent *descent = work->descent;
+    State *state = &descent->state;
+    double *multipliers = multipliers_of(work, 0);
+    const int most = work->hierarchy->max_rounds;
+    const Route route = satisfy_rows(state, 0.0, most, descent->speeds, descent->stills,
+                                     multipliers, rounds, arena);
+    const double left = excess_of(descent, asked);
+    if (!(work->hierarchy->guarded > 0 && left > REACHED_TOL && left < LARGEST)) return route;
+    descent->damping[0] = unreached_damping(left);
+    go_back(descent, work->before, 0);
+    memcpy(state->upper, asked, sizeof(double) * (size_t)state->N);
+    memset(multipliers, 0, sizeof(double) * (size_t)state->N);
+    return satisfy_rows(state, descent->damping[0], most, descent->speeds, descent->stills,
+                        multipliers, rounds, arena);
+}
+
+/* One step of level k; a backend is asked where the proposed active set is not right at once. */
+static Route serve_once(Work *work, const Level *level, int k, int ask, int *rounds, Arena *arena)
+{
+    Descent *descent = work->descent;
+    const int n = descent->state.n, most = work->hierarchy->max_rounds;
+    double *speed = descent->speeds + k * n * n, *still = descent->stills + k * n;
+    double *multipliers = multipliers_of(work, k);
+    Route route = descend(&descent->state, level, most, work->proposed, ask, speed, still,
+                          multipliers, rounds, arena);
+    if (route != BLOCKED) return route;
+    const size_t mark = arena->used;
+    int *index = (int *)take(arena, descent->state.N);
+    Problem problem;
+    make_problem(&descent->state, level, &problem, speed, still, index, arena);
+    work->failed = work->propose(work->backend, k, &problem, index, work->proposed) < 0;
+    arena->used = mark;
+    return work->failed ? KEPT
+                        : descend(&descent->state, level, most, work->proposed, 0, speed, still,
+                                  multipliers, rounds, arena);
+}
+
+/* A strict level; a guarded one that cannot be reached is damped. */
+static Route serve_strict(Work *work, int k, int *rounds, Arena *arena)
+{
+    Descent *descent = work->descent;
+    State *state = &descent->state;
+    const int n = state->n, N = state->N;
+    double *at = take(arena, n);
+    for (int i = 0; i < n; ++i) at[i] = state->v[i] + descent->offsets[(k - 1) * n + i];
+    give_way(work->hierarchy, descent, at, k);
+    Level level = level_of(work->hierarchy, descent, descent->aim, k);
+    const Route route = serve_once(work, &level, k, work->propose != NULL, rounds, arena);
+    const double left = missing(&level, state->v, n) * descent->unit;
+    if (!(k <= work->hierarchy->guarded && route != KEPT && left > REACHED_TOL && left < LARGEST))
+        return route;
+    level.damping = descent->damping[k] = unreached_damping(left);
+    go_back(descent, work->before, k);
+    memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
+    const Route damped = serve_once(work, &level, k, 0, rounds, arena);
+    keep_exactly(state, &level, descent->helds[k], arena);
+    return damped;
+}
+
+/* A damped level, step by step from the closed form's v, see cascade.h. */
+static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
+{
+    Descent *descent = work->descent;
+    State *state = &descent->state;
+    const int n = state->n, N = state->N;
+    double *from = take(arena, n), *aim = descent->aim + first_row(work->hierarchy, k);
+    double *multipliers = multipliers_of(work, k);
+    Level level = level_of(work->hierarchy, descent, descent->aim, k);
+    Route route = CLOSED_FORM;
+    for (int i = 0; i < level.m; ++i) aim[i] = dot(level.A + i * n, descent->open, n);
+    memcpy(from, descent->open, sizeof(double) * (size_t)n);
+    level.from = from;
+    state->offset = descent->offsets + k * n;
+    for (int step = 0; step < PROXIMAL && !work->failed; ++step) {
+        int used = 0;
+        if (step > 0) {
+            memcpy(from, state->v, sizeof(double) * (size_t)n);
+            active_set(multipliers, N, work->proposed);
+            memset(multipliers, 0, sizeof(double) * (size_t)N);
+            state->held = descent->helds[k];
+        }
+        route = serve_once(work, &level, k, step == 0 && work->propose != NULL, &used, arena);
+        *rounds += used;
+    }
+    return route;
+}
+
+/* Level after level; 0 is the hard rows, which come after `after` others. Returns 0, or -1 where
+ * a backend raised. */
 static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, double *guess,
                       Solution *solution, Proposer propose, void *backend, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = hierarchy->n, N = descent->state.N;
     State *state = &descent->state;
-    double *before = take(arena, n), *asked = take(arena, N), *proposed = take(arena, N);
-    int *index = (int *)take(arena, N);
+    double *asked = take(arena, N);
+    Work work = {hierarchy, descent, solution, propose, backend, take(arena, n), take(arena, N), 0};
     memcpy(asked, state->upper, sizeof(double) * (size_t)N);
-    for (int step = 0; step <= hierarchy->levels; ++step) {
+    for (int step = 0; step <= hierarchy->levels && !work.failed; ++step) {
         const int k = step < after ? step + 1 : (step == after ? 0 : step);
-        double *multipliers = solution->multipliers + k * N;
+        const size_t inner = arena->used;
         double *info = solution->info + k * COLUMNS;
         int rounds = 0;
         Route route;
         for (int i = n; i < N && step <= after; ++i)
             state->upper[i] = step < after ? INFINITY : asked[i];
         begin_level(descent, state, k);
-        memcpy(before, state->v, sizeof(double) * (size_t)n);
-        memcpy(proposed, guess + k * N, sizeof(double) * (size_t)N);
-        if (k == 0) {
-            double *speed = descent->speeds;
-            route = satisfy_rows(state, 0.0, hierarchy->max_rounds, speed, multipliers, &rounds,
-                                 arena);
-            const double left = excess_of(descent, asked);
-            if (hierarchy->guarded > 0 && left > REACHED_TOL && left < LARGEST) {
-                descent->damping[0] = unreached_damping(left);
-                go_back(descent, before, k);
-                memcpy(state->upper, asked, sizeof(double) * (size_t)N);
-                memset(multipliers, 0, sizeof(double) * (size_t)N);
-                route = satisfy_rows(state, descent->damping[0], hierarchy->max_rounds, speed,
-                                     multipliers, &rounds, arena);
-            }
-        } else {
-            Level level = level_of(hierarchy, descent, descent->goal, k);
-            double *speed = descent->speeds + k * n * n;
-            route = descend(state, &level, hierarchy->max_rounds, proposed, propose != NULL, speed,
-                            multipliers, &rounds, arena);
-            if (route == BLOCKED) {
-                const size_t inner = arena->used;
-                Problem problem;
-                make_problem(state, &level, &problem, speed, index, arena);
-                if (propose(backend, k, &problem, index, proposed) < 0) return -1;
-                arena->used = inner;
-                route = descend(state, &level, hierarchy->max_rounds, proposed, 0, speed,
-                                multipliers, &rounds, arena);
-            }
-            const double left = missing(&level, state->v, n) * descent->unit;
-            if (k <= hierarchy->guarded && level.damping == 0.0 && route != KEPT &&
-                left > REACHED_TOL && left < LARGEST) {
-                level.damping = descent->damping[k] = unreached_damping(left);
-                go_back(descent, before, k);
-                memset(multipliers, 0, sizeof(double) * (size_t)N);
-                route = descend(state, &level, hierarchy->max_rounds, proposed, 0, speed,
-                                multipliers, &rounds, arena);
-                keep_exactly(state, &level, descent->helds[k], arena);
-            }
-        }
+        memcpy(work.before, state->v, sizeof(double) * (size_t)n);
+        memcpy(work.proposed, guess + k * N, sizeof(double) * (size_t)N);
+        if (k == 0) route = serve_rows(&work, asked, &rounds, arena);
+        else if (descent->damping[k] > 0.0) route = serve_damped(&work, k, &rounds, arena);
+        else route = serve_strict(&work, k, &rounds, arena);
+        arena->used = inner;
         if (!is_finite(state)) {
             route = KEPT;
-            go_back(descent, before, k);
+            go_back(descent, work.before, k);
         }
         end_level(descent, state, k);
         info[ROUTE] = (double)route, info[ROUNDS] = (double)rounds;
-        for (int i = 0; i < N; ++i)
-            guess[k * N + i] = (double)((multipliers[i] > 0.0) - (multipliers[i] < 0.0));
+        active_set(multipliers_of(&work, k), N, guess + k * N);
     }
     arena->used = mark;
-    return 0;
+    return work.failed ? -1 : 0;
 }
 
 /* Rows (m, n) at v: A v - b; returns whether all are zero (or, for `under`, not above zero), to
@@ -334,28 +450,32 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     over /= larger(small, size);
     solution->info[REACHED] =
         residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, 0.0, solution->violation);
-    Level exceeded = {0, rows, goal, descent->damping[0]};
+    Level exceeded = {0, rows, goal, descent->damping[0], NULL};
     for (int i = 0; i < m; ++i) {
         if (!(solution->violation[i] > 0.0)) continue;
         memcpy(rows + exceeded.m * n, hierarchy->C + i * n, sizeof(double) * (size_t)n);
         goal[exceeded.m++] = hierarchy->d[i];
     }
-    for (int i = 0; i < state->held; ++i) state->h[i] *= unit;
+    for (int i = 0; i < state->held; ++i) state->h[i] *= unit, state->shift[i] *= unit;
+    for (int i = 0; i < (int)hierarchy->ends[hierarchy->levels - 1]; ++i) descent->aim[i] *= unit;
+    for (int i = 0; i < (hierarchy->levels + 1) * n; ++i) descent->stills[i] *= unit;
     for (int k = 0; k <= hierarchy->levels; ++k) {
         double *info = solution->info + k * COLUMNS, *multipliers = solution->multipliers + k * N;
         double *at = descent->vs + k * n;
-        const Level level = k == 0 ? exceeded : level_of(hierarchy, descent, hierarchy->b, k);
+        const Level level = k == 0 ? exceeded : level_of(hierarchy, descent, descent->aim, k);
         for (int i = 0; i < N; ++i) multipliers[i] *= unit;
         for (int i = 0; i < n; ++i) at[i] *= unit;
         state->held = descent->helds[k];
         const int damped = level.damping > 0.0 || state->held > 0;
         double kkt = kkt_residual(state, &level, damped ? at : v, descent->speeds + k * n * n,
-                                  multipliers, descent->Zs + k * n * n, descent->frees[k], small,
-                                  arena);
-        if (k > 0)
-            info[REACHED] = residual_of(level.A, level.b, level.m, v, n, 0,
-                                        REACHED_SPEED * level.damping,
-                                        solution->residual + first_row(hierarchy, k));
+                                  descent->stills + k * n, multipliers, descent->Zs + k * n * n,
+                                  descent->frees[k], small, arena);
+        if (k > 0) {
+            const int first = first_row(hierarchy, k);
+            info[REACHED] = residual_of(hierarchy->A + first * n, hierarchy->b + first, level.m, v,
+                                        n, 0, REACHED_SPEED * level.damping,
+                                        solution->residual + first);
+        }
         info[KKT] = kkt = larger(kkt, over);
         if (info[ROUTE] <= ACTIVE_SET && !(kkt <= EXACT)) info[ROUTE] = UNVERIFIED;
         if (info[ROUTE] == UNVERIFIED && kkt <= EXACT) info[ROUTE] = ACTIVE_SET;

@@ -1,4 +1,4 @@
-/* The whole strict hierarchy in one call.
+/* The whole hierarchy in one call.
  *
  * Levels come stacked: rows ends[k - 1] to ends[k] of A and b are level k, the last level is the
  * rest. Results: index 0 is the hard rows, 1 the first level.

@@ -1,4 +1,4 @@
-"""The strict hierarchical least-squares solver: lexicographic, exact, and it always answers."""
+"""The hierarchical least-squares solver: strict and damped levels; it always answers."""
 
 from __future__ import annotations
 
@@ -48,14 +48,18 @@ class Hierarchy:
     cannot all hold. Below all levels: |v - v_rest|, which makes v unique.
 
     A strict level (damping zero) is at its least-squares optimum, and later levels keep A v. A
-    damped level, with d its damping, Z an orthonormal basis of what strict levels above left free,
-    and B = A Z, minimises
+    damped level, with d its damping and Z an orthonormal basis of what strict levels above left
+    free, minimises, without bounds,
 
-        |A v - b|^2 + |L Z^T v|^2 + sum_j |(A_j v - c_j) / (0.003 d_j)|^2,
-        L = d (I + B^T B / d^2)^-1,
+        |A v - b|^2 + |L Z^T v|^2 + sum_j |(A_j v - c_j) / (0.003 d_j)|^2,  L = d (I + C^T C)^-1,
 
-    where j are the damped levels above and c_j = A_j v what they have reached. Its optimum is
-    unique, and continuous in A, b and the bounds; see kernel/cascade.h for the constants.
+    where j are the damped levels above, c_j = A_j v what they have reached, and C stacks A Z / d
+    and the A_j Z / d_j. If that breaks a bound in the end, each damped level goes, inside the
+    bounds, three proximal steps from the v without bounds towards its A v there. v is continuous
+    in the levels and the bounds; see kernel/cascade.h for the formulas and constants.
+
+    A strict level below damped ones asks for less, b / (1 + m / 0.003), where these are not
+    served, with m^2 = sum_j |A_j v - b_j|^2 / d_j^2.
 
     First all levels are tried in closed form. If a bound is in the way, levels go one by one;
     where one is blocked, the active set of the last call is tried, and if it is not right at
@@ -69,7 +73,7 @@ class Hierarchy:
     where that is above one. A level above 1e-8 is never called exact.
 
     Directions in which a strict level gains less than 1e-9 of its unit (nm/s, nrad/s) for each
-    unit of v belong to the levels below. With ``guarded`` levels, what cannot be reached of them
+    unit of v belong to the levels below; entries of A below that are not seen. With ``guarded`` levels, what cannot be reached of them
     and of the hard rows is damped likewise, the more, the more is left.
 
     Attributes:
