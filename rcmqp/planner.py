@@ -80,10 +80,11 @@ class Planner:
     """Feeds a far reference to the controller in N + 1 equal parts, one a cycle.
 
     A reference near the last one passes through. A far one is approached along plan(), from
-    the last reference rather than from the measured pose, so that no tracking error runs back
-    into the reference. While a target moves a little each cycle, what remains is divided anew;
-    a target that stands still is reached in equal parts, after N + 1 cycles; one that jumps is
-    approached in N + 1 parts from where the reference is.
+    the last reference, so that no tracking error runs back into the reference; or, as the paper
+    has it, from the measured pose, where step() is given that. While a target moves a little
+    each cycle, what remains is divided anew; a target that stands still is reached in equal
+    parts, after N + 1 cycles; one that jumps is approached in N + 1 parts from where the
+    reference is, or the measured pose.
 
     All of it is planned as seen from the trocar, in axes parallel to the world's: a trocar that
     moves carries the plan along, and however far it goes, that alone makes no reference far.
@@ -101,17 +102,35 @@ class Planner:
         """Forget the last reference: the next one is approached from x_rcm."""
         self._x, self._target, self._left = self.x_rcm, self.x_rcm, 0
 
-    def step(self, reference: Reference) -> Reference:
+    def step(self, reference: Reference, x: ArrayLike | None = None) -> Reference:
         """The reference of this cycle, on the way to ``reference``.
+
+        Where a plan begins in this cycle and ``x`` is given, it begins at ``x``, the measured
+        pose (8,) of the effector, brought to the nearest one that obeys the RCM. If ``x`` is not
+        finite, it begins at the last reference.
 
         Its derivative is the velocity of the part that follows: zero at the last one. A reference
         that is no pose, or not finite, as of a trocar that was not seen, is answered as it is, so
         that the controller stops; the way goes on from where it was with the next one.
         """
-        self._x, self._target, self._left, x_d, x_d_dot, moved = _kernel.approach(
+        found = self._approach(reference, self._x)
+        begins = found[-1] and found[2] == self.points
+        if begins and x is not None and np.isfinite(x := np.asarray(x, dtype=float)).all():
+            carried_back = dq.from_translation(self._pivot - reference.pivot)
+            found = self._approach(reference, dq.mul(carried_back, x))
+        self._x, self._target, self._left, x_d, x_d_dot, moved = found
+        if not moved:
+            return reference
+        return _kernel.record(Reference, x_d, x_d_dot, reference.pivot, reference.pivot_dot)
+
+    def _approach(
+        self, reference: Reference, x: Array
+    ) -> tuple[Array, Array, int, Array, Array, bool]:
+        """One part of the way from x (8,), as seen from the trocar; see step()."""
+        return _kernel.approach(
             self.x_rcm,
             self._pivot,
-            self._x,
+            x,
             self._target,
             self._left,
             self.points + 1,
@@ -122,9 +141,6 @@ class Planner:
             FAR_ANGLE,
             FAR_DEPTH,
         )
-        if not moved:
-            return reference
-        return _kernel.record(Reference, x_d, x_d_dot, reference.pivot, reference.pivot_dot)
 
 
 def _log_turn(r_l: Array, r_d: Array) -> Array:

@@ -34,6 +34,8 @@ DEFAULT_ARM = "lwa3"
 
 PIVOT_VELOCITIES = ("measured", "estimated", "unknown")
 
+PLANNER_STARTS = ("reference", "measured")
+
 MOST_CYCLES = 10_000_000
 """Sampling instants that a run may have; each takes about a kilobyte."""
 
@@ -72,6 +74,9 @@ class Scenario:
             so a slowed path may not come to its end. Neither the trocar's motion nor the path
             planner's parts are slowed. None for a path that does not wait.
         limits: of the joints, in place of the arm's own; None where none was given by hand.
+        planner_from: where the path planner starts towards a far view: ``reference``, at the last
+            reference; ``measured``, as in the paper's text, at the pose of the effector, which was
+            measured one period before.
     """
 
     name: str
@@ -92,6 +97,7 @@ class Scenario:
     plant: Plant = field(default_factory=Kinematic)
     governor: Governor | None = None
     limits: ArmLimits | None = None
+    planner_from: str = "reference"
 
     def __post_init__(self) -> None:
         """Make plain numbers of what was given, and check it."""
@@ -115,6 +121,8 @@ class Scenario:
             raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
         if self.pivot_velocity not in PIVOT_VELOCITIES:
             raise UnknownName("pivot_velocity", str(self.pivot_velocity), PIVOT_VELOCITIES)
+        if self.planner_from not in PLANNER_STARTS:
+            raise UnknownName("planner_from", str(self.planner_from), PLANNER_STARTS)
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         for obstacle in self.obstacles:
             if not isinstance(obstacle, Sphere):
@@ -254,9 +262,10 @@ class Scenario:
         """What the controller is told, one sampling instant after the other.
 
         The view asked for, carried along by the trocar, through the path planner; and of the
-        trocar's velocity what ``pivot_velocity`` says. A steered path, or a governor, needs to see
-        what the last reference led to: send() the state that was measured then. If nothing is
-        sent, the arm is taken to be where it was asked to be.
+        trocar's velocity what ``pivot_velocity`` says. A steered path, a governor, or a planner
+        that starts from the measured pose, needs to see what the last reference led to: send() the
+        state that was measured then. If nothing is sent, the arm is taken to be where it was
+        asked to be.
 
         Args:
             insertion: the instrument in the patient.
@@ -274,14 +283,26 @@ class Scenario:
             governed = Governed(self.path, insertion, clock or PathClock(self.governor))
             yield from self._governed(governed, planner)
             return
+        state: ArmState | None = None
         for reference in self._drawn(self.path, insertion):
-            yield reference if planner is None else planner.step(reference)
+            state = yield self._planned(planner, reference, state)
+
+    def _planned(
+        self, planner: Planner | None, reference: Reference, state: ArmState | None
+    ) -> Reference:
+        """The reference as the path planner has it, if there is one."""
+        if planner is None:
+            return reference
+        if state is None or self.planner_from == "reference":
+            return planner.step(reference)
+        return planner.step(reference, state.x)
 
     def _steered(
         self, path: Steered, insertion: Insertion, planner: Planner | None
     ) -> Generator[Reference, ArmState | None]:
         """The references of a path that is steered by what came of the last one."""
         ask, x = path.start(insertion, self.period, self.seed).command, insertion.x_rcm
+        state: ArmState | None = None
         for cycles in blocks(self.cycles):
             for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
                 t = k * self.period
@@ -290,8 +311,7 @@ class Scenario:
                     return
                 insertion.check_reach(t, command.t_z)
                 reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
-                if planner is not None:
-                    reference = planner.step(reference)
+                reference = self._planned(planner, reference, state)
                 state = yield reference
                 x = reference.x_d if state is None else state.x
 
@@ -299,11 +319,11 @@ class Scenario:
         self, governed: Governed, planner: Planner | None
     ) -> Generator[Reference, ArmState | None]:
         """The references of a path that waits for the arm."""
+        state: ArmState | None = None
         for cycles in blocks(self.cycles):
             for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
                 reference = governed.reference(k * self.period, offset, pivot_dot)
-                if planner is not None:
-                    reference = planner.step(reference)
+                reference = self._planned(planner, reference, state)
                 state = yield reference
                 if state is not None:
                     governed.see(state, reference)
@@ -341,6 +361,8 @@ class Scenario:
         del data["limits"]
         if self.governor is None:  # files of before there were governors say the same
             del data["governor"]
+        if self.planner_from == "reference":  # likewise
+            del data["planner_from"]
         if self.limits is not None:  # else as in files of earlier versions, whose digest stays
             data["limits"] = self.limits.to_data()
         for name, kinds in _KINDS.items():

@@ -38,8 +38,14 @@ SINGULAR = 1e-12
 class TaskReconstruction:
     """Takes out of a wanted velocity what leads into a singularity.
 
-    Left open: the text could not be had, only the relations above; k and k_2 are straight lines
-    here, k = (m_1 - m) / (m_1 - m_2) and k_2 = escape (1 - m / m_2), cut off at 0, and k at 1.
+    Read: a code of others after this method (J. Woolfrey, SerialLink.singularityAvoidance), which
+    has the same gradient of m; it takes the component of the joint velocity along the gradient
+    out, all at once below m = 0.01.
+
+    Remembered: the relations of this module's docstring. The paper itself was not read.
+
+    Chosen here: k and k_2 are straight lines, k = (m_1 - m) / (m_1 - m_2) and
+    k_2 = escape (1 - m / m_2), cut off at 0, and k at 1.
 
     Attributes:
         m_1: manipulability below which it begins, in m's unit.

@@ -53,11 +53,19 @@ from rcmqp.task_reconstruction import TaskReconstruction, manipulability, shaft_
 
 PERIOD = 8e-3
 ARMS = ["lwa3", "meka_a2", "ur5"]
-BASELINES = ["pose_error", "damped", "task_priority", "aghakhani", "vfi_qp"]
+BASELINES = [
+    "pose_error",
+    "damped",
+    "task_priority",
+    "task_reconstruction",
+    "aghakhani",
+    "vfi_qp",
+]
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     *((name, {"feed_forward": True}) for name in BASELINES),
     ("task_priority", {"K_c": 7.0}),
     ("task_priority", {"reconstruct_from": 20.0, "escape": 1e-3}),
+    ("task_reconstruction", {"reconstruct_from": 20.0, "escape": 1e-3}),
     ("task_priority", {"rcm_gain": 0.0}),
     ("aghakhani", {"rcm_first": True}),
     ("aghakhani", {"reproject": True}),
@@ -65,6 +73,7 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("vfi_qp", {"velocity_limits": True}),
     ("vfi_qp", {"solver": "daqp"}),
     ("vfi_qp", {"damping": 0.01, "d_safe": 1e-4}),
+    ("vfi_qp", {"gain": 10.0, "damping": 0.01, "joint_gain": 1.0}),  # as its authors' code
 ]
 
 on_each_arm = pytest.mark.parametrize("arm", ARMS)
@@ -469,15 +478,22 @@ VFI_OPTIONS = {"gain": 50.0, **WEIGHTS}
 
 @on_each_arm
 @pytest.mark.parametrize("velocity_limits", [False, True])
-def test_vfi_qp_in_a_wide_sphere_is_bounded_least_squares(arm: str, velocity_limits: bool) -> None:
+@pytest.mark.parametrize(("joint_gain", "eta_q"), [(0.0, 50.0), (50.0, 50.0), (1.0, 1.0)])
+def test_vfi_qp_in_a_wide_sphere_is_bounded_least_squares(
+    arm: str, joint_gain: float, eta_q: float, velocity_limits: bool
+) -> None:
     rng, insertion = np.random.default_rng(7), inserted(arm)
     limits = insertion.arm
-    law = made("vfi_qp", insertion, d_safe=1e3, velocity_limits=velocity_limits, **VFI_OPTIONS)
+    given = {"joint_gain": joint_gain, "velocity_limits": velocity_limits, **VFI_OPTIONS}
+    law = made("vfi_qp", insertion, d_safe=1e3, **given)
     bounded = 0
     for scale in [0.01, 0.1] * 5:
-        state = near_start(insertion, rng)
+        angles = insertion.angles_start + rng.uniform(-0.2, 0.2, limits.nv)
+        angles[-1] = limits.upper[-1] - 1e-3  # where a joint row is in the way at any gain
+        state = insertion.state(limits.configuration(angles))
         reference = near(state, rng, scale)
-        lower, upper = limits.lower - state.angles, limits.upper - state.angles
+        lower = eta_q * (limits.lower - state.angles)
+        upper = eta_q * (limits.upper - state.angles)
         if velocity_limits:
             lower, upper = np.maximum(lower, -limits.velocity), np.minimum(upper, limits.velocity)
         A, b = objective_rows(insertion, state, reference, eta=50.0, **WEIGHTS)
@@ -501,7 +517,8 @@ def test_vfi_qp_meets_the_entry_spheres_inequality_and_no_more(arm: str, solver:
     """At the optimum the objective's gradient is what the active row takes, no other."""
     rng, insertion = np.random.default_rng(7), inserted(arm)
     d_safe, eta_d, h = 2e-3, 3.0, 1e-6
-    law = made("vfi_qp", insertion, d_safe=d_safe, vfi_gain=eta_d, solver=solver, **VFI_OPTIONS)
+    given = {"d_safe": d_safe, "vfi_gain": eta_d, "joint_gain": 1.0, **VFI_OPTIONS}
+    law = made("vfi_qp", insertion, solver=solver, **given)
     active = 0
     for _ in range(20):
         state = near_start(insertion, rng, 0.05)
@@ -555,6 +572,36 @@ def test_vfi_qp_comes_back_into_the_sphere_at_its_gain(arm: str) -> None:
     excess = D - 1e-6
     assert_allclose(excess[1:100], excess[:99] * (1.0 - 2.0 * PERIOD), rtol=0, atol=2e-8)
     assert 0.0 <= excess[-1] < 5e-3 * excess[0]
+
+
+@pytest.mark.parametrize(("arm", "most"), [("lwa3", 0.06), ("panda", 0.3)])
+def test_vfi_qp_keeps_the_trocar_where_its_joint_rows_are_as_fast_as_the_task(
+    arm: str, most: float
+) -> None:
+    scenario = load_scenario("fast_helix", arm)
+    task, slow = (
+        compute_metrics(
+            simulate(scenario, made("vfi_qp", scenario.insertion(), scenario.period, **options))
+        )
+        for options in ({}, {"joint_gain": 1.0})
+    )
+    assert task.rcm_max_mm < most
+    assert task.reversals_in_a_row <= 1
+    assert slow.rcm_max_mm > 5.0
+    assert slow.reversals_in_a_row > 10
+    assert slow.acceleration_ratio_max > 10.0 * task.acceleration_ratio_max
+
+
+def test_vfi_qps_joint_rows_never_overstep_a_limit_in_one_period() -> None:
+    insertion = inserted("lwa3")
+    arm, T = insertion.arm, 0.02  # gain T = 1.2: the task's gain would go past the limit
+    angles = insertion.angles_start.copy()
+    angles[6] = arm.upper[6] - 0.01
+    state = insertion.state(arm.configuration(angles))
+    x_d = dq.mul(state.x, dq.exp(np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0])))
+    reference = Reference(x_d, np.zeros(8), dq.translation(state.x), np.zeros(3))
+    v = made("vfi_qp", insertion, T).step(state, reference).v
+    assert_allclose(T * v[6], 0.01, rtol=0, atol=1e-9)
 
 
 def test_vfi_qp_stops_by_name_where_limits_contradict_each_other() -> None:
@@ -732,6 +779,22 @@ def test_reconstruction_stops_the_tips_share_of_the_fall_and_leaves_the_rcm(arm:
     assert 0 < changed < 20
 
 
+def test_the_law_of_task_reconstruction_is_task_priority_away_from_singularities() -> None:
+    for scenario_name, same in (("conical_helix", True), ("near_singularity", False)):
+        scenario = load_scenario(scenario_name, "panda", period=PERIOD)
+        insertion = scenario.insertion()
+        plain, kim, option = (
+            simulate(scenario, made(name, insertion, **options)).q
+            for name, options in (
+                ("task_priority", {}),
+                ("task_reconstruction", {}),
+                ("task_priority", {"reconstruct_from": 0.5}),
+            )
+        )
+        assert np.array_equal(kim, option)
+        assert np.array_equal(kim, plain) == same
+
+
 def test_reconstruction_holds_the_arm_off_the_end_of_its_reach() -> None:
     insertion, T = inserted("meka_a2"), 5e-3
     times = T * np.arange(1600)
@@ -889,6 +952,8 @@ BAD_OPTIONS: Sequence[tuple[str, str, float]] = [
     ("vfi_qp", "d_safe", math.inf),
     ("vfi_qp", "vfi_gain", 0.0),
     ("vfi_qp", "vfi_gain", 126.0),
+    ("vfi_qp", "joint_gain", -1.0),
+    ("vfi_qp", "joint_gain", 126.0),
 ]
 
 

@@ -326,12 +326,16 @@ RUNS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
     "rattles": ("fast_helix", "meka_a2", "vfi_qp", {"period": 2e-3}),
 }
 
+OPTIONS = {"rattles": {"joint_gain": 1.0}}
+"""Of the controllers of some runs."""
+
 
 @functools.cache
 def example(name: str) -> Run:
     scenario_name, arm, controller, changes = RUNS[name]
     scenario = load_scenario(scenario_name, arm, **changes)
-    return simulate(scenario, make_controller(controller, scenario.insertion(), scenario.period))
+    insertion, options = scenario.insertion(), OPTIONS.get(name, {})
+    return simulate(scenario, make_controller(controller, insertion, scenario.period, **options))
 
 
 @pytest.mark.parametrize("name", list(RUNS))

@@ -255,6 +255,39 @@ def test_x_d_dot_of_a_plan_has_the_trocars_velocity_in_it() -> None:
     assert_allclose(fed.x_d_dot, plain.x_d_dot + carried_on, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("points", [1, 7])
+def test_a_measured_pose_is_where_a_plan_begins_and_nothing_else(points: int) -> None:
+    rng, x_rcm = np.random.default_rng(7), random_rcm()
+    planner, view = Planner(x_rcm, points, PERIOD), view_pose(x_rcm, FAR_VIEWS[1])
+    measured = dq.from_se3(dq.to_se3(x_rcm) * pin.exp6(rng.normal(scale=0.02, size=6)))
+    elsewhere = dq.from_se3(dq.to_se3(x_rcm) * pin.exp6(rng.normal(scale=0.02, size=6)))
+    fed = [planner.step(view, x).x_d for x in (measured, *[elsewhere] * points)]
+    expected = plan(x_rcm, measured, view.x_d, points)[1:]
+    assert_allclose(fed, expected, rtol=0, atol=1e-13)
+    assert np.abs(expected[0] - plan(x_rcm, x_rcm, view.x_d, points)[1]).max() > 1e-3
+    assert planner.step(view, elsewhere) is view
+    near = view_pose(x_rcm, dataclasses.replace(FAR_VIEWS[1], alpha=FAR_VIEWS[1].alpha + 1e-3))
+    assert planner.step(near, elsewhere) is near
+
+
+def test_a_plan_begins_at_the_measured_pose_as_a_moved_trocar_sees_it() -> None:
+    rng, x_rcm, offset = np.random.default_rng(7), random_rcm(), np.array([0.3, -0.2, 0.1])
+    measured = dq.from_se3(dq.to_se3(x_rcm) * pin.exp6(rng.normal(scale=0.02, size=6)))
+    still, moved = (Planner(x_rcm, 9, PERIOD) for _ in range(2))
+    plain = still.step(view_pose(x_rcm, FAR_VIEWS[1]), measured)
+    target = view_pose(carried(x_rcm, offset), FAR_VIEWS[1])
+    fed = moved.step(target, dq.mul(dq.from_translation(offset), measured))
+    expected = pin.SE3(np.eye(3), offset) * dq.to_se3(plain.x_d)
+    assert_allclose(dq.to_se3(fed.x_d).homogeneous, expected.homogeneous, rtol=0, atol=1e-13)
+
+
+def test_a_measured_pose_that_is_not_finite_is_not_used() -> None:
+    x_rcm = random_rcm()
+    view = view_pose(x_rcm, FAR_VIEWS[0])
+    plain, lost = (Planner(x_rcm, 9, PERIOD).step(view, x) for x in (None, np.full(8, np.nan)))
+    assert np.array_equal(plain.x_d, lost.x_d)
+
+
 def test_a_planner_that_was_reset_is_as_new() -> None:
     x_rcm = random_rcm()
     planner, target = Planner(x_rcm, 9, PERIOD), view_pose(x_rcm, FAR_VIEWS[0])

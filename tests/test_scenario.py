@@ -20,15 +20,17 @@ from rcmqp import (
     Instrument,
     RcmqpError,
     Scenario,
+    ViewCommand,
     arm_names,
     load_arm,
     load_scenario,
     scenario_names,
+    view_pose,
 )
 from rcmqp.arm_limits import ArmLimits
 from rcmqp.camera_task import CameraTask
 from rcmqp.devices import HandMapping, Omega7
-from rcmqp.dualquaternion import P, quaternion_mul, to_se3
+from rcmqp.dualquaternion import Array, P, quaternion_mul, to_se3
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.instrument import Vector3
 from rcmqp.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
@@ -43,6 +45,7 @@ from rcmqp.paths import (
     ViewSteps,
 )
 from rcmqp.paths import Path as ViewPath
+from rcmqp.planner import plan
 from rcmqp.plants import PLANTS, Kinematic, Plant, Servo
 from rcmqp.scenario import PIVOT_VELOCITIES
 from rcmqp.scene import Sphere
@@ -200,6 +203,35 @@ def test_the_planner_divides_its_time_into_parts_of_one_period(helix: Scenario) 
     assert planner.points + 1 == 188  # 1.5 s / 8 ms = 187.5
     assert planner.period == 8e-3
     assert helix.planner(x_rcm) is None
+
+
+def test_a_plan_starts_at_the_measured_pose_where_the_scenario_says_so() -> None:
+    path = ViewSteps(views=((0.0, 0.0, 0.0, 0.0), (0.3, 0.0, 0.0, 0.0)), dwell=0.1)
+    usual = Scenario.on_shaft("s", "panda", path, period=0.01, planner_time=0.5, duration=1.0)
+    insertion = usual.insertion()
+    behind = insertion.state(insertion.arm.configuration(insertion.angles_start + 0.01))
+
+    def asked(planner_from: str) -> Array:
+        scenario = dataclasses.replace(usual, planner_from=planner_from)
+        references = scenario.references(insertion)
+        made = [next(references), *(references.send(behind) for _ in range(20))]
+        return np.array([reference.x_d for reference in made])
+
+    usual_way, from_measured = asked("reference"), asked("measured")
+    start = int(np.argmax((usual_way != from_measured).any(axis=1)))
+    assert 5 < start < 15
+    view = view_pose(insertion.x_rcm, ViewCommand(alpha=0.3)).x_d
+    for begin, fed in ((insertion.x_rcm, usual_way), (behind.x, from_measured)):
+        expected = plan(insertion.x_rcm, begin, view, 49)[1:]
+        assert_allclose(fed[start:], expected[: len(fed) - start], rtol=0, atol=1e-12)
+
+
+def test_where_a_plan_starts_is_kept_in_files_and_a_wrong_word_refused(helix: Scenario) -> None:
+    assert "planner_from" not in helix.to_json()  # digests of earlier runs stay
+    measured = dataclasses.replace(helix, planner_from="measured")
+    assert Scenario.from_json(measured.to_json()) == measured
+    with pytest.raises(UnknownName, match="did you mean measured"):
+        dataclasses.replace(helix, planner_from="mesured")
 
 
 def test_a_scenario_on_the_shaft_is_what_its_parts_make_by_hand(helix: Scenario) -> None:

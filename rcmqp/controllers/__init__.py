@@ -15,7 +15,7 @@ from rcmqp.controllers.damped import Damped
 from rcmqp.controllers.dual_quaternion import DualQuaternion
 from rcmqp.controllers.hierarchical_qp import HierarchicalQP, default_limits
 from rcmqp.controllers.pose_error import PoseError
-from rcmqp.controllers.task_priority import TaskPriority
+from rcmqp.controllers.task_priority import TaskPriority, TaskReconstructionLaw
 from rcmqp.controllers.vfi_qp import VfiQP
 from rcmqp.controllers.weighted_qp import WeightedQP
 from rcmqp.errors import OptionError, UnknownName
@@ -28,6 +28,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "pose_error": PoseError,
     "damped": Damped,
     "task_priority": TaskPriority,
+    "task_reconstruction": TaskReconstructionLaw,
     "aghakhani": Aghakhani,
     "vfi_qp": VfiQP,
 }
@@ -82,6 +83,7 @@ __all__ = [
     "HierarchicalQP",
     "PoseError",
     "TaskPriority",
+    "TaskReconstructionLaw",
     "VfiQP",
     "WeightedQP",
     "controller_options",

@@ -37,13 +37,20 @@ class Aghakhani(Controller):
     with the period T: a step depends on this state as others depend on a solver's warm start,
     and whoever skips cycles should call reset().
 
-    Left open: the text was not at hand, the law is that of the abstract and of RViMLab/rcm. w is
-    [0; lambda_gain (lambda_rest - lambda)]. Tip and RCM together fix the depth, and so
-    lambda_dot: where J has its full rank 6, w moves lambda not at all, and only turns the arm
-    about what is free; it comes into its own where J loses rank. The inverse is truncated. RViMLab
-    damps it (0.01), and has lambda start at a number that is given.
+    Read: the paper's abstract and introduction; RViMLab/rcm, a code of others after its equations
+    1, 3, 6 and 7. That code has K_t = 1, K_rcm = 100, 10 ms, an inverse damped with 0.01, and
+    lambda starting at 0.5. Two slips of it are not copied: w is not set to zero before its last
+    entry is, and the integral of the error lacks the period.
 
-    Departures: ``rcm_first`` and ``reproject`` are not in the paper (both are in RViMLab/rcm).
+    Not read: the rest of the paper, with its numbers.
+
+    Chosen here: one gain for both, that of all controllers; a truncated inverse; lambda's start;
+    w = [0; lambda_gain (lambda_rest - lambda)]. Tip and RCM together fix the depth, and so
+    lambda_dot: where J has its full rank 6, w moves lambda not at all, and only turns the arm
+    about what is free; it comes into its own where J loses rank.
+
+    Departures: ``rcm_first`` and ``reproject`` are not in the paper (both are in RViMLab/rcm,
+    whose RCM-first mode projects J_t^+ instead of inverting J_t P).
     ``feed_forward`` is off, as in the other controllers, though implementations of the paper
     have such a term for the task.
 

@@ -41,6 +41,9 @@ class DualQuaternion(Controller):
     round; of x_d and -x_d, one pose, the one on x_eff's side is taken, also in N, or the arm
     would unwind the long way.
 
+    Read: the paper, as a transcript, with K, K_c and c_d. Not given there: the sampling period,
+    c(theta) and the inverse's cut-off, which are chosen here.
+
     N is 8 x n and has rank 6 at the most: N^+ keeps at most six singular values, those above
     ``tolerance`` times the largest. Its singular values are half of those of the effector's
     geometric Jacobian.

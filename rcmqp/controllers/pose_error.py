@@ -25,8 +25,14 @@ class PoseError(Controller):
 
     Mended: (2) is printed with x_eff - x_d, which runs away from x_d.
 
-    Left open: the inverse. J is 8 x n of rank 6 at the most, so J^+ keeps at most six singular
-    values, those above ``tolerance`` times the largest, as in the paper's own controller.
+    Read: equation (2) in Marinho, Bernardes and Bo; Marinho's early code of it (dqrobotics/cpp,
+    OrdinaryPoseController), which has this sign and a damped inverse.
+
+    Not read: the paper of 2010.
+
+    Chosen here: the inverse and every number. J is 8 x n of rank 6 at the most, so J^+ keeps at
+    most six singular values, those above ``tolerance`` times the largest, as in the paper's own
+    controller.
 
     Departures: of x_d and -x_d, one pose, the one on x_eff's side is taken. The difference is
     not invariant: the dual parts are measured from the world's origin, so J's singular values,

@@ -1,4 +1,4 @@
-"""The RCM first, the tip second: Azimian, Patel and Naish 2010."""
+"""The RCM first, the tip second: Azimian, Patel and Naish 2010; and Kim's task reconstruction."""
 
 from __future__ import annotations
 
@@ -37,11 +37,14 @@ class TaskPriority(Controller):
 
     The roll about the shaft is left to the inverse.
 
-    Left open: the text could not be had; the law is built from its description in Marinho,
-    Bernardes and Bo, with the lateral rows of RcmTask. Whether the RCM has position feedback is
-    open: b_rcm = K_rcm e_rcm here, for with b_rcm = 0 the RCM drifts (``rcm_gain`` = 0). What
-    the rest nullspace does is open: nothing, unless ``K_c`` is given. The inverses are
-    truncated.
+    Read: its description in Marinho, Bernardes and Bo: task priority, an RCM Jacobian, a
+    negligible RCM error, considerable deviations of the tip, a roll left to the inverses.
+
+    Not read: the paper itself, and no public code of it was found.
+
+    Chosen here: the lateral rows of RcmTask. Position feedback of the RCM, b_rcm = K_rcm e_rcm,
+    for with b_rcm = 0 the RCM drifts (``rcm_gain`` = 0). Nothing in the rest nullspace, unless
+    ``K_c`` is given. Truncated inverses, and every number.
 
     Departures: all options from ``K_c`` on are extensions, off by default.
 
@@ -130,3 +133,22 @@ class TaskPriority(Controller):
         still = Reference(insertion.x_rcm, np.zeros(8), translation(insertion.x_rcm), np.zeros(3))
         rows = shaft_jacobian(insertion.state(insertion.q_start), still, insertion.tip_depth)
         return manipulability(*rows)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class TaskReconstructionLaw(TaskPriority):
+    """TaskPriority with the tip's task reconstructed near singularities (Kim et al. 2004).
+
+    Below ``reconstruct_from`` times the manipulability at the insertion's start, what leads the
+    tip further into a singularity is taken out of its task, see rcmqp.task_reconstruction; the
+    RCM's rows are left as they are. Elsewhere it is TaskPriority to the bit.
+
+    Chosen here: half of the start's manipulability, and TaskPriority as the law it is put on.
+
+    Attributes:
+        reconstruct_from: see TaskPriority.
+    """
+
+    name: ClassVar[str] = "task_reconstruction"
+
+    reconstruct_from: float = 0.5

@@ -10,7 +10,7 @@ import numpy as np
 
 from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import at_rest, check_between, check_gain
+from rcmqp.controllers.checks import at_rest, check_between, check_gain, check_not_negative
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.limits import KeepOut, combine
@@ -29,7 +29,7 @@ class VfiQP(Controller):
     workspaces", ICRA 2019, pp. 2721-2727:
 
         min_u  alpha |J_t u + eta e_t|^2 + (1 - alpha) |N_r u + eta e_r|^2 + lambda^2 |u|^2
-        s.t.   J_l,p u <= eta_d (d_safe^2 - D_l,p),   q_lo - q <= u <= q_hi - q
+        s.t.   J_l,p u <= eta_d (d_safe^2 - D_l,p),   eta_q (q_lo - q) <= u <= eta_q (q_hi - q)
 
     with e_t = t - t_d of the tool's tip, e_r = vec(r* r_d) - 1 and N_r = H-(r_d) C_4 J_r of its
     rotation, and D_l,p the squared distance of the trocar from the shaft's line, J_l,p its
@@ -48,14 +48,27 @@ class VfiQP(Controller):
     It also ends in the safe stop where the inequalities cannot all hold, the diagnostic
     ``infeasible`` is then 1, and where no optimum was found that passes the verification.
 
-    Left open: the paper's eta, alpha, lambda, eta_d and d_safe were not at hand. alpha and eta_d
-    are those of Marinho's own later code for this law; eta is the K of the other
-    controllers; d_safe is 1 mm. lambda is 0.001, not the code's 0.01: with 0.01 the rotation
-    lags behind the tip, and the helix of experiment A takes the shaft as far off the trocar as
-    the sphere allows.
+    Read: the formulas, in the paper's preprint (arXiv 1809.07907, its beginning) and in Marinho's
+    own later code, ``ICRA19TaskSpaceController`` of marinholab-working-needlemanipulation. That
+    code has vfi_gain 2 by default, and its examples have alpha 0.999, damping 0.01, a period of
+    8 ms, gain 1 or 10. Its joint rows are q_lo - q <= u <= q_hi - q, so their gain is 1/s, the
+    task's where that is 1. Two slips of it are not copied: the right-hand side of the entry
+    sphere's row is set to 0 after it was computed, so that D_l,p must never grow, whatever
+    d_safe is; and the joint rows do not follow ``gain``.
+
+    Not read: the numbers of the paper's own experiments.
+
+    Chosen here: gain is the K of the other controllers; joint_gain is the task's, because joint
+    rows slower than the task stop the arm in the middle of its range: at 60 and 1 1/s the RCM
+    error of ``fast_helix`` is 5.6 mm in place of 0.05; d_safe is 1 mm; damping is 0.001, because
+    with 0.01 the rotation lags behind the tip, and takes the shaft as far off the trocar as the
+    sphere allows. docs/controllers.md has both settings measured side by side.
 
     Departures: of r_d and -r_d the one on r's side is taken, as the code does. ``velocity_limits``
-    and ``feed_forward`` are extensions, off by default.
+    and ``feed_forward`` are extensions, off by default. With ``velocity_limits`` a reference that
+    is too fast takes the shaft to the sphere, where joints switch between their speed limits from
+    cycle to cycle, and beyond it by what is of second order in T: 0.4 mm on ``fast_helix`` at
+    1 ms, 0.1 mm at 0.25 ms.
 
     Attributes:
         gain: eta [1/s].
@@ -63,6 +76,7 @@ class VfiQP(Controller):
         damping: lambda [m].
         d_safe: radius of the entry sphere, about the trocar [m]; of the shaft's axis.
         vfi_gain: eta_d [1/s].
+        joint_gain: how fast a joint may approach its limits of position [1/s]; 0 for ``gain``.
         velocity_limits: keep the joints' speed limits, too.
         solver: name of the QP backend, see ``rcmqp.qp.solver_names()``.
         feed_forward: know the velocities of the reference and of the trocar.
@@ -75,9 +89,11 @@ class VfiQP(Controller):
     damping: float = 1e-3
     d_safe: float = 1e-3
     vfi_gain: float = 2.0
+    joint_gain: float = 0.0
     velocity_limits: bool = False
     solver: str = "proxqp"
     feed_forward: bool = False
+    _joint_rate: float = field(init=False, repr=False)
     _tip: TipTask = field(init=False, repr=False)
     _obstacles: tuple[KeepOut, ...] = field(init=False, repr=False)
     _hierarchy: Hierarchy = field(init=False, repr=False)
@@ -101,6 +117,15 @@ class VfiQP(Controller):
                 f"{self.vfi_gain * self.period:.3g}; the sphere is kept up to 1: lower the gain "
                 "or sample faster"
             )
+        check_not_negative("joint_gain", self.joint_gain)
+        if self.joint_gain * self.period > 1.0:
+            raise OptionError(
+                f"joint_gain * period = {self.joint_gain} 1/s * {self.period} s = "
+                f"{self.joint_gain * self.period:.3g}; joint limits are kept up to 1: lower the "
+                "gain or sample faster"
+            )
+        rate = min(self.joint_gain or self.gain, 1.0 / self.period)
+        object.__setattr__(self, "_joint_rate", rate)
         object.__setattr__(self, "_tip", TipTask(self.insertion.tip_depth))
         obstacles = KeepOut.obstacles(self.insertion, gain=self.vfi_gain)
         object.__setattr__(self, "_obstacles", obstacles)
@@ -156,7 +181,8 @@ class VfiQP(Controller):
     def _box(self, state: ArmState) -> tuple[Array, Array]:
         """Bounds (n,) of u [rad/s]."""
         arm = self.insertion.arm
-        lower, upper = arm.lower - state.angles, arm.upper - state.angles  # [rad] times 1/s
+        lower = self._joint_rate * (arm.lower - state.angles)
+        upper = self._joint_rate * (arm.upper - state.angles)
         if self.velocity_limits:
             return np.maximum(lower, -arm.velocity), np.minimum(upper, arm.velocity)
         return lower, upper

@@ -23,7 +23,8 @@ class WeightedQP(Controller):
 
         min_v  sum_i w_i |J_i v + K e_i + drift_i|^2 + damping |v|^2
 
-    as users of pink and mink write it. A weight trades errors where it should forbid them: when
+    as users of pink and mink write it: no published controller, and every number is chosen here.
+    A weight trades errors where it should forbid them: when
     the arm runs out of speed, the RCM gives way a little, the more the smaller its weight; and
     the larger it is, the worse the QP is conditioned.
 
