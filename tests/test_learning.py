@@ -107,6 +107,15 @@ def test_who_practises_is_quicker_and_who_does_not_learn_is_as_ever() -> None:
     assert totals[0.0] > totals[None] > totals[120.0] > totals[600.0]
 
 
+def test_who_has_learned_all_there_is_steers_like_such_a_person() -> None:
+    """Eyes, looks, submovements and detours all know it, from the first cycle on."""
+    novice, seed = operator_of_study(0, 46)
+    done = Learning(1e6)
+    person = done.person(novice, 0.0)
+    assert done.share(0.0) == 0.0
+    assert looks_and_times(done, novice, seed) == looks_and_times(None, person, seed)
+
+
 def test_a_study_passes_it_on_and_counts_the_looking_that_was_done(tmp_path: Path) -> None:
     learning = Learning(30.0)
     study = Study(operators=2, seed=46, laws=(Law(period=0.02),), learning=learning)
