@@ -53,8 +53,9 @@ EFFECTS = ("rcm_rms_mm", "tip_rms_mm", "effector_rms_mm")
 NOTES = """\
 The same people, with the same luck, in every row. A factor's effect is the ratio of a person's
 errors, at its second level over its first, everything else the same; the geometric mean over
-people and over the levels of the other factors, ± its Monte-Carlo error. 1 is no effect.
-Law is hierarchical_qp over dual_quaternion, at equal period and limits, both with feed-forward.
+people and over the levels of the other factors, ± its Monte-Carlo error. 1 is no effect. Where
+factors depend on each other, the rows say how; the mean does not. Law is hierarchical_qp over
+dual_quaternion, at equal period, both with feed-forward.
 Limits "on" is not the same for both: velocity_limit=scale of the law counts speeds only,
 hierarchical_qp counts positions, accelerations and jerks too, and keeps off the obstacle.
 hierarchical_qp has no feed-forward "off".
@@ -109,8 +110,9 @@ def _contrasts(all_levels: Sequence[Levels]) -> list[tuple[str, str, list[tuple[
         pairs = [p for p in _pairs(all_levels, place) if p[0][0] == law]
         if pairs:
             found.append((label, law, pairs))
-    if both := _pairs(all_levels, 0):
-        found.append(("law", "both", both))
+    for kept in ("off", "on"):
+        if pairs := [p for p in _pairs(all_levels, 0) if p[0][3] == kept]:
+            found.append((f"law, limits {kept}", "both", pairs))
     return found
 
 

@@ -264,7 +264,7 @@ def hand_figure(recorded: Sequence[HandMeasures], model: Sequence[HandMeasures])
         right.plot([m.ldlj], [m.sparc], marker, color=drawn, label=label)
     left.set(xlabel="frequency [Hz]", ylabel="power of the speed over all of it [1/Hz]")
     left.axvspan(*TREMOR_BAND, color="0.93", zorder=0)
-    left.set_ylim(bottom=1e-9)
+    left.set_ylim(bottom=1e-7)
     right.set(xlabel="LDLJ of a movement, median", ylabel="SPARC of a movement, median")
     for axes in (left, right):
         axes.grid(alpha=0.3)
