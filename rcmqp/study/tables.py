@@ -99,8 +99,8 @@ and differ in more than their law: in period, feed-forward and limits, which
 square of the speed. A movement of the model's peaks at 60 or 80 mm/s, to which arm and tremor
 add some; the paper's largest error, 4.82 mm, asks for 290 mm/s, or for a jump (scenario
 device_jump). The same people look for the same times with every controller. hierarchical_qp knows
-the obstacle and keeps the shaft out of it, whatever the operator asks for; the paper's law does
-not.
+the obstacle and keeps the shaft out of it as far as the joints' limits allow; the paper's law
+does not know it.
 """
 
 
