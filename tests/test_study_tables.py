@@ -6,21 +6,23 @@ import csv
 import dataclasses
 import io
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import assert_allclose
-from scipy import stats
 
-from rcmqp.study.comparisons import comparison_table, comparisons, side_by_side
+from rcmqp.metrics import compute_metrics
+from rcmqp.study.comparisons import comparison_table, side_by_side
+from rcmqp.study.experiment_b import device_jump
 from rcmqp.study.figures import groups_figure, trial_figure
 from rcmqp.study.outcome import TRACES, Outcome
 from rcmqp.study.perform import Performed
-from rcmqp.study.plan import Study
+from rcmqp.study.plan import Law, Study
 from rcmqp.study.record import Record
-from rcmqp.study.statistics import holm, paired, summary
-from rcmqp.study.tables import outcomes_csv, table
+from rcmqp.study.statistics import Effect, effect, summary
+from rcmqp.study.tables import JUMP, outcomes_csv, table
 
 
 def test_intervals_are_students() -> None:
@@ -33,23 +35,47 @@ def test_intervals_are_students() -> None:
     assert summary([]).count == 0
 
 
-def test_paired_tests_are_scipys_and_see_what_an_unpaired_one_would_not() -> None:
+def test_effects_are_paired_and_their_errors_are_those_of_new_draws() -> None:
+    """Draw the same study many times: the errors given by one are how far the others lie."""
     rng = np.random.default_rng(7)
-    first = rng.normal(0.0, 10.0, 12)
-    second = first + 1.0 + rng.normal(0.0, 0.3, 12)
-    found = paired(first, second)
-    assert found.p_t == pytest.approx(stats.ttest_rel(second, first).pvalue)
-    assert found.p_signed_rank == pytest.approx(stats.wilcoxon(second, first).pvalue)
-    assert found.p_t < 1e-4 < stats.ttest_ind(first, second).pvalue
-    assert found.difference.mean == pytest.approx(np.mean(second - first))
-    assert paired(first, first).p_t == paired(first, first).p_signed_rank == 1.0
-    assert paired([0.0, 1.0], [1.0, 2.0]).p_t == 0.0
-    assert math.isnan(paired([1.0], [2.0]).p_t)
+
+    def drawn(people: int) -> Effect:
+        first = rng.normal(0.0, 10.0, people)
+        return effect(first, first + 4.0 + rng.normal(0.0, 3.0, people))
+
+    many = [drawn(30) for _ in range(400)]
+    for values, errors, expected in (
+        ([e.change.mean for e in many], [e.change.error for e in many], 4.0),
+        ([e.size for e in many], [e.size_error for e in many], 4.0 / math.sqrt(104.5)),
+    ):
+        assert np.mean(values) == pytest.approx(expected, rel=0.06)
+        assert np.mean(errors) == pytest.approx(np.std(values), rel=0.15)
+    one, large = drawn(30), drawn(3000)
+    assert large.size_error < 0.2 * one.size_error  # more draws: a smaller error,
+    assert large.size == pytest.approx(one.size, abs=0.25)  # and no larger effect
 
 
-def test_holms_correction_is_holms() -> None:
-    assert_allclose(holm([0.01, 0.04, 0.03, math.nan]), [0.03, 0.06, 0.06, math.nan])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
+def test_effects_of_few_people_and_of_nan_are_left_out() -> None:
+    lost = effect([1.0, 2.0, 4.0, math.nan, 7.0], [2.0, 2.0, 6.0, 8.0, math.nan])
+    assert lost == effect([1.0, 2.0, 4.0], [2.0, 2.0, 6.0])
+    assert lost.change.mean == 1.0
+    assert lost.size == pytest.approx(1.0 / math.sqrt((7.0 / 3.0 + 16.0 / 3.0) / 2.0))
+    two, one = effect([1.0, 2.0], [2.0, 4.0]), effect([1.0], [2.0])
+    assert math.isnan(two.size_error)
+    assert not math.isnan(two.size)
+    assert math.isnan(one.size)
+    assert math.isnan(effect([1.0, 1.0], [2.0, 2.0]).size)
+
+
+def test_there_is_no_p_value_anywhere(tmp_path: Path) -> None:
+    """People who are drawn can be had in any number: p says how many there were."""
+    both = [*outcomes("a", 0.0), *outcomes("b", 0.2)]
+    text = table(Performed(Study(), tmp_path, both))
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    of_b = readme[readme.index("## Experiment B") : readme.index("## Conventions")]
+    for written in (text, of_b):
+        assert not re.search(r"Holm|signed-rank|p, rank|\bp [<=]|significan", written)
+    assert "effect size" in text
 
 
 def outcomes(law: str, shift: float, arm: str = "lwa3") -> list[Outcome]:
@@ -124,20 +150,18 @@ def test_one_person_has_differences_and_neither_intervals_nor_tests(tmp_path: Pa
     text = table(Performed(Study(), tmp_path, two))
     assert "nan" not in text
     (cells,) = cells_of(text, "| tip error, rms [mm] |")
-    assert cells[1:] == ["0.3", "0.55", "0.25", ""]
+    assert cells[1:] == ["0.3", "0.55", "0.25", ""]  # mean change, and no effect size
     (cells,) = cells_of(text, "| a | b | Schunk LWA3 | tip")
-    assert cells[4:] == ["1", "0.25", "", "", "", ""]
+    assert cells[4:] == ["1", "0.25", ""]
 
 
 def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
     first, second = outcomes("a, 8 ms", 0.0), outcomes("b, 1 ms", -0.25)
     text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
     (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | tip")
-    assert cells[4:6] == ["4", "-0.25"]
+    assert cells[4:] == ["4", "-0.25 ± 0", "-6.2 ± 4.9"]
     (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | completion_s")
-    assert cells[4:] == ["4", "0", "[0, 0]", "1", "1", "1"]
-    assert "With 4 people p, rank is 0.12 at the least" in text
-    assert "0.62 corrected for 5 comparisons: too few people" in text
+    assert cells[4:] == ["4", "0 ± 0", "0 ± 0"]
 
 
 def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path) -> None:
@@ -157,7 +181,7 @@ def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path)
         (f"| {lwa3} | {panda} | b", "2.5"),
     ):
         (cells,) = cells_of(text, f"{ends} | tip_rms_mm |")
-        assert cells[5] == change
+        assert cells[5].split(" ± ")[0] == change
     assert side_by_side(all_four).splitlines()[0].count(f"{panda}, b") == 1
 
 
@@ -170,7 +194,7 @@ def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> N
     for start, expected in (
         ("| the same, worst trial", ["-1", "-1.2", "", ""]),
         ("| tip error, largest", ["4", "9", "", ""]),
-        ("| least distance, shaft", ["5", "4.9", "-0.062 [-0.26, 0.14]", "1"]),
+        ("| least distance, shaft", ["5", "4.9", "-0.062 ± 0.062", "-0.015"]),
         ("| finished; touched", ["4; 1", "4; 1", "", ""]),
     ):
         (cells,) = cells_of(text, start)
@@ -186,19 +210,11 @@ def test_the_readmes_comparison_has_the_rows_that_a_study_writes() -> None:
     assert [cells[0] for cells in cells_of(pasted, "|")[: len(labels)]] == labels
 
 
-def test_comparisons_are_corrected_for_how_many_there_are() -> None:
-    rng = np.random.default_rng(7)
-    first = [dataclasses.replace(o, operator=i) for i, o in enumerate(3 * outcomes("a", 0.0))]
-    change = rng.normal(1.0, 0.5, len(first))
-    second = [
-        dataclasses.replace(o, controller="b", tip_rms_mm=o.tip_rms_mm + x)
-        for o, x in zip(first, change, strict=True)
-    ]
-    found = {c.name: c for c in comparisons([*first, *second])}["tip_rms_mm"]
-    assert found.p == pytest.approx(5.0 * stats.wilcoxon(change).pvalue)
-    (cells,) = cells_of(comparison_table([*first, *second]), "| a | b | Schunk LWA3 | tip")
-    ends = stats.t.interval(0.95, 11, np.mean(change), stats.sem(change))
-    assert cells[6] == f"[{ends[0]:.4g}, {ends[1]:.4g}]"
+def test_a_device_jump_has_a_row_of_its_own_where_there_was_one(tmp_path: Path) -> None:
+    mine, jump = Performed(Study(), tmp_path, outcomes("a", 0.0)), device_jump(Law())
+    rows = rows_of(table(mine, compute_metrics(jump)))
+    assert rows[JUMP] == ["4.82 (*); 0.37", "4.82; 0.372", "", ""]
+    assert JUMP not in table(mine)
 
 
 def test_a_limit_reached_to_rounding_is_kept(tmp_path: Path) -> None:

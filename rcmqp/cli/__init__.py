@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 import rcmqp
-from rcmqp.cli import compare, lists, loopback, report, reproduce, run, study, viewer
+from rcmqp.cli import compare, hands, lists, loopback, report, reproduce, run, study, viewer
 from rcmqp.console import err, out
 from rcmqp.errors import RcmqpError
 
@@ -67,6 +67,7 @@ for command in (
     lists.controllers,
     compare.compare,
     study.study,
+    hands.hands,
     reproduce.reproduce,
     loopback.loopback,
     viewer.view,

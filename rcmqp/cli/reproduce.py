@@ -9,7 +9,7 @@ import typer
 
 from rcmqp import console
 from rcmqp.cli.options import JOBS, AsJson
-from rcmqp.cli.study import OPERATORS, SEED, reproduce_b
+from rcmqp.cli.study import OPERATORS, PRACTICE, SEED, reproduce_b
 from rcmqp.console import out
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.metrics import compute_metrics
@@ -26,6 +26,15 @@ def reproduce(
     operators: Annotated[int | None, OPERATORS] = None,
     seed: Annotated[int | None, SEED] = None,
     jobs: Annotated[int | None, JOBS] = None,
+    factors: Annotated[
+        bool,
+        typer.Option(
+            "--factors",
+            help="Also every combination of law, period, feed-forward and limits: 12 more trials "
+            "for each operator.",
+        ),
+    ] = False,
+    practice: Annotated[float | None, PRACTICE] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the paper's experiments: runs, figures, table beside the paper's, report.
@@ -36,18 +45,20 @@ def reproduce(
     arm.
 
     Experiment B: simulated operators steer the endoscope of a Schunk LWA3 to four views, at 8 ms;
-    --operators, --seed and --jobs are for it.
+    --operators, --seed, --jobs, --factors and --practice are for it.
     """
     if experiment.lower() not in ("a", "b"):
         raise UnknownName("experiment", experiment, ("a", "b"))
-    of_b = {"--operators": operators, "--seed": seed, "--jobs": jobs}
+    of_b = {"--operators": operators, "--seed": seed, "--jobs": jobs, "--practice": practice}
+    of_b["--factors"] = factors or None
     idle = of_b if experiment.lower() == "a" else {"--duration": duration}
     for option, value in idle.items():
         if value is not None:
             raise OptionError(f"{option} is not for experiment {experiment.lower()}")
     if experiment.lower() == "b":
         people = 20 if operators is None else operators
-        reproduce_b(folder, people, seed or 0, 1 if jobs is None else jobs, as_json)
+        processes = 1 if jobs is None else jobs
+        reproduce_b(folder, people, seed or 0, processes, as_json, factors, practice)
         return
     from rcmqp.reproduce import reproduce_a
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,9 +12,17 @@ from rcmqp import console
 from rcmqp.cli.options import AccelerationOption, FlangeOption, JerkOption, Jobs, limits_of
 from rcmqp.console import out
 from rcmqp.errors import OptionError
+from rcmqp.operators import Learning
+
+if TYPE_CHECKING:
+    from rcmqp.study.outcome import Outcome
 
 OPERATORS = typer.Option(help="How many simulated people, 20 without it; novices take turns.")
 SEED = typer.Option(help="Of everything random; 0 without it.")
+PRACTICE = typer.Option(
+    help="Seconds of practice that novices had, the paper's 120 or others; with it they also "
+    "learn during the trial. Without it nobody learns."
+)
 Operators = Annotated[int, OPERATORS]
 Seed = Annotated[int, SEED]
 
@@ -42,6 +51,7 @@ def study(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    practice: Annotated[float | None, PRACTICE] = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "study"
@@ -63,7 +73,9 @@ def study(
 
       rcmqp study study/runs/dual_quaternion_8ms_operator0003.h5 --out again
     """
+    from rcmqp.study.perform import perform  # joblib and SciPy take long to import
     from rcmqp.study.plan import Law, Study
+    from rcmqp.study.report import write_figures, write_tables
 
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder)
@@ -77,37 +89,68 @@ def study(
     ]
     arms = tuple(arm or [""])
     limits = limits_of(acceleration, jerk)
-    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits)
-    _perform(chosen, folder, jobs, as_json)
-
-
-def reproduce_b(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -> None:
-    """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
-    from rcmqp.study.plan import Study
-
-    _perform(Study(operators=operators, seed=seed), folder, jobs, as_json)
-
-
-def _perform(chosen: object, folder: Path, jobs: int, as_json: bool) -> None:
-    from rcmqp.study.perform import perform  # joblib and SciPy take long to import
-    from rcmqp.study.plan import Study
-    from rcmqp.study.record import plain
-    from rcmqp.study.report import write_figures, write_tables
-
-    assert isinstance(chosen, Study)
+    learning = learning_of(practice)
+    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits, learning)
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder, jobs=jobs, progress=advance)
     text, files = write_tables(performed)
     files += write_figures(performed)
-    for note in performed.notes:
+    _print(performed.outcomes, performed.notes, [text], files, as_json)
+
+
+def reproduce_b(
+    folder: Path,
+    operators: int,
+    seed: int,
+    jobs: int,
+    as_json: bool,
+    factors: bool,
+    practice: float | None,
+) -> None:
+    """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
+    from rcmqp.study import experiment_b  # joblib and SciPy take long to import
+
+    with console.bar(quiet=as_json) as advance:
+        found = experiment_b.reproduce_b(
+            folder,
+            operators=operators,
+            seed=seed,
+            jobs=jobs,
+            factors=factors,
+            learning=learning_of(practice),
+            progress=advance,
+        )
+    studies = [found.performed, *([found.factorial] if found.factorial else [])]
+    outcomes = [outcome for each in studies for outcome in each.outcomes]
+    notes = [note for each in studies for note in each.notes]
+    texts = [found.table, *([found.factor_table] if found.factorial else [])]
+    _print(outcomes, notes, texts, found.files, as_json)
+
+
+def learning_of(practice: float | None) -> Learning | None:
+    """What --practice asks for."""
+    return None if practice is None else Learning(practice)
+
+
+def _print(
+    outcomes: Sequence[Outcome],
+    notes: Sequence[str],
+    texts: Sequence[str],
+    files: Sequence[Path],
+    as_json: bool,
+) -> None:
+    from rcmqp.study.record import plain
+
+    for note in notes:
         console.err.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
     if as_json:
-        console.print_json([plain(outcome) for outcome in performed.outcomes])
+        console.print_json([plain(outcome) for outcome in outcomes])
     else:
-        out.print(text, markup=False, highlight=False, soft_wrap=True)
+        for text in texts:
+            out.print(text, markup=False, highlight=False, soft_wrap=True)
         for file in files:
             out.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
-    if any(outcome.failure for outcome in performed.outcomes):
+    if any(outcome.failure for outcome in outcomes):
         raise typer.Exit(1)
 
 

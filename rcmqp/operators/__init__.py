@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 
 from rcmqp.dualquaternion import Array
 from rcmqp.insertion import Insertion
+from rcmqp.operators.learning import Learning
 from rcmqp.operators.operator import GROUPS, Operator
 from rcmqp.operators.population import (
     PARAMETERS,
@@ -56,6 +57,7 @@ __all__ = [
     "STEERED",
     "Asking",
     "CameraTrial",
+    "Learning",
     "Operator",
     "Parameter",
     "Spread",

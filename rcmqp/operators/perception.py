@@ -51,7 +51,7 @@ class Eyes:
         self, operator: Operator, task: CameraTask, insertion: Insertion, rng: np.random.Generator
     ) -> None:
         """In front of the camera of an insertion."""
-        self._operator, self._rng = operator, rng
+        self.operator, self._rng = operator, rng
         self._tip_depth = insertion.tip_depth
         self._pivot = dq.translation(insertion.x_rcm).tolist()
         r = dq.P(insertion.x_rcm)
@@ -91,7 +91,7 @@ class Eyes:
 
     def frame(self, t: float) -> Frame:
         """The image that has come to mind by ``t`` [s]: from ``delay`` ago."""
-        while len(self._frames) > 1 and self._frames[1].t <= t - self._operator.delay + 1e-9:
+        while len(self._frames) > 1 and self._frames[1].t <= t - self.operator.delay + 1e-9:
             self._frames.popleft()
         return self._frames[0]
 
@@ -115,7 +115,7 @@ class Eyes:
         if not seen.any():
             return None
         beside = np.linalg.norm(self._shown[seen] - np.array(mark), axis=1).min()
-        slip = self._operator.memory * beside * self._slip
+        slip = self.operator.memory * beside * self._slip
         return self._judge(dq.rotate(turned, np.array(goal) + slip - tip).tolist())
 
     def place(self, goal: Vector3, away: Vector3) -> Vector3:
@@ -133,7 +133,7 @@ class Eyes:
 
     def _judge(self, away: list[float]) -> Vector3:
         """A way (3,) [m] with the errors of whoever sees it."""
-        operator = self._operator
+        operator = self.operator
         x, y, z = away
         lateral, floor = operator.weber_lateral, operator.floor_lateral
         s_z = operator.floor_depth + operator.weber_depth * abs(z)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from rcmqp.insertion import Insertion
 from rcmqp.instrument import Vector3
 from rcmqp.operators.detour import is_clear, via_point
 from rcmqp.operators.hand import Hand
+from rcmqp.operators.learning import Learning
 from rcmqp.operators.operator import Operator
 from rcmqp.operators.perception import Eyes
 from rcmqp.operators.submovement import Submovement, duration
@@ -22,11 +24,28 @@ NEAR = 0.008
 """Perceived distance from the point beside the obstacle from which on it counts as passed [m]."""
 
 
-def recognition_times(operator: Operator, objectives: int, seed: int) -> list[float]:
-    """How long the operator looks before each objective [s]; see Steering for the seed."""
+def recognition_times(
+    operator: Operator,
+    objectives: int,
+    seed: int,
+    learning: Learning | None = None,
+    starts: Sequence[float] = (),
+) -> list[float]:
+    """How long the operator looks before each objective [s].
+
+    Args:
+        operator: who looks.
+        objectives: how many there are.
+        seed: see Steering.
+        learning: of a novice, if any.
+        starts: with ``learning``, when each objective is shown [s]; one for each objective.
+    """
     rng = np.random.default_rng(_streams(seed)[0])
     shape = operator.recognition_shape
-    return [operator.recognition * float(rng.gamma(shape)) / shape for _ in range(objectives)]
+    people = [operator] * objectives
+    if learning is not None:
+        people = [learning.person(operator, t) for t in starts]
+    return [person.recognition * float(rng.gamma(shape)) / shape for person in people]
 
 
 class Steering:
@@ -63,12 +82,14 @@ class Steering:
         insertion: Insertion,
         period: float,
         seed: int,
+        learning: Learning | None = None,
     ) -> None:
         """At the start, the first objective just shown."""
-        self._operator, self._task = operator, task
+        self._task, self._seed = task, seed
+        self._untaught, self._learning, self._starts = operator, learning, list[float]()
+        self._operator = operator
         self._targets = task.targets
         _, tremor, perception, movement = _streams(seed)
-        self._recognition = recognition_times(operator, len(self._targets), seed)
         self._hand = Hand(operator, device, period, np.random.default_rng(tremor))
         self._encoder = Encoder(device, period)
         self._view = HandView(mapping, insertion.tip_depth)
@@ -98,13 +119,25 @@ class Steering:
         self._eyes.look(t, x)
         if t >= self._next:
             self._decide(t)
-        state = self._encoder.read(self._hand.position)
+        state = self._encoder.read(self.hand)
         self._hand.step(self._move.position(t))
         return self._view.ask(state)
+
+    @property
+    def hand(self) -> Vector3:
+        """Where the hand (3,) is, from its start [m]."""
+        return self._hand.position
+
+    def _learn(self, t: float) -> None:
+        """Let the time at the device, ``t`` [s] of it in the trial, change the operator."""
+        if self._learning is not None:
+            self._operator = self._learning.person(self._untaught, t)
+            self._eyes.operator = self._operator
 
     def _start_objective(self, t: float, start: Vector3) -> None:
         """The pictures of the next objective are shown at ``t`` [s], at ``start`` (3,) [m]."""
         goal, obstacle = self._targets[self.objective], self._task.obstacle
+        self._learn(t)
         self._eyes.remember()
         operator, touching = self._operator, self._touching
         self._via = via_point(start, goal, obstacle, touching + operator.margin)
@@ -113,7 +146,11 @@ class Steering:
             self._via = via_point(start, goal, obstacle, touching + wanted)
             self._turn = touching + wanted / 2.0
         self._passed = False
-        self._next = t + operator.delay + self._recognition[self.objective]
+        self._starts.append(t)
+        looking = recognition_times(
+            self._untaught, len(self._starts), self._seed, self._learning, self._starts
+        )
+        self._next = t + operator.delay + looking[-1]
 
     def _passing_error(self, start: Vector3, goal: Vector3) -> float:
         """Standard deviation [m] of a movement's error in the middle of a way.
@@ -127,6 +164,7 @@ class Steering:
 
     def _decide(self, t: float) -> None:
         """Begin a submovement at ``t`` [s]."""
+        self._learn(t)
         operator = self._operator
         goal = self._targets[self.objective]
         away = self._perceived(t)

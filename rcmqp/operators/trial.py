@@ -10,6 +10,7 @@ from rcmqp.camera_task import CameraTask
 from rcmqp.devices import HandMapping, Omega7
 from rcmqp.errors import OptionError
 from rcmqp.insertion import Insertion
+from rcmqp.operators.learning import Learning
 from rcmqp.operators.operator import Operator
 from rcmqp.operators.steering import Steering
 
@@ -24,6 +25,8 @@ class CameraTrial:
         device: what is in the operator's hand.
         mapping: from the hand's way to the view.
         duration: after which the trial ends, done or not [s].
+        learning: how a novice becomes better by practice, before the trial and in it; None for
+            people who stay as they are, which is the model of the study.
     """
 
     operator: Operator = field(default_factory=Operator)
@@ -31,6 +34,7 @@ class CameraTrial:
     device: Omega7 = field(default_factory=Omega7)
     mapping: HandMapping = field(default_factory=HandMapping)
     duration: float = 600.0
+    learning: Learning | None = None
 
     def __post_init__(self) -> None:
         """Make the parts of what a file says of them, and check the duration."""
@@ -39,6 +43,7 @@ class CameraTrial:
             ("task", CameraTask),
             ("device", Omega7),
             ("mapping", HandMapping),
+            *((("learning", Learning),) if self.learning is not None else ()),
         )
         for name, kind in parts:
             value = getattr(self, name)
@@ -64,5 +69,12 @@ class CameraTrial:
                     f"{self.mapping.scale} brings it nearer"
                 )
         return Steering(
-            self.operator, self.task, self.device, self.mapping, insertion, period, seed
+            self.operator,
+            self.task,
+            self.device,
+            self.mapping,
+            insertion,
+            period,
+            seed,
+            self.learning,
         )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import functools
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -48,6 +50,42 @@ class HandTrace:
         object.__setattr__(self, "times", samples.times)
         object.__setattr__(self, "positions", samples.positions)
         object.__setattr__(self, "engaged", tuple(map(bool, engaged)))
+
+    @classmethod
+    def read_csv(cls, path: str | os.PathLike[str], *, scale: float = 1.0) -> HandTrace:
+        """A recording of positions over time.
+
+        The file has a head with the columns ``t`` (or ``time``) [s], ``x``, ``y``, ``z`` [m],
+        in any order, and may have ``engaged`` (0 or 1); other columns, and lines that begin
+        with #, are left out. Times count from the first one.
+
+        Args:
+            path: the file.
+            scale: metres in its unit of length; 1e-3 for a file in mm.
+
+        Raises:
+            OptionError: the file cannot be read, a column is missing or a number is none.
+        """
+        try:
+            with open(path, encoding="utf-8-sig", newline="") as stream:
+                rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise OptionError(f"{path} cannot be read: {error}") from error
+        table = [{str(k).strip().lower(): v for k, v in each.items()} for each in rows]
+        names = set(table[0]) if table else set()
+        clock = "time" if "time" in names else "t"
+        if missing := {clock, "x", "y", "z"} - names:
+            raise OptionError(
+                f"{path} has no {', '.join(sorted(missing))}; the first line must name the "
+                "columns t, x, y, z, and one sample follow on each line"
+            )
+        try:
+            times = [float(each[clock]) for each in table]
+            points = [tuple(scale * float(each[axis]) for axis in "xyz") for each in table]
+            engaged = [bool(float(each["engaged"])) for each in table if "engaged" in each]
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"{path} has a line that is not numbers: {error}") from error
+        return cls(tuple(t - times[0] for t in times), tuple(points), tuple(engaged))  # type: ignore[arg-type]
 
     @functools.cached_property
     def way(self) -> Sampled:

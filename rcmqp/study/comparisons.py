@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rcmqp.loading import arm_names, arm_title
 from rcmqp.study.outcome import Outcome
-from rcmqp.study.statistics import Paired, holm, least_rank_p, paired, summary
+from rcmqp.study.statistics import Effect, Summary, effect, summary
 
 COMPARED = ("rcm_rms_mm", "tip_rms_mm", "effector_rms_mm", "obstacle_shaft_mm", "completion_s")
 """What controllers, and arms, are compared by."""
@@ -25,7 +26,14 @@ SIDE_BY_SIDE = (
 )
 """Label, Outcome's field, which number of its Summary, and how that is written."""
 
-SIGNIFICANT = 0.05
+CHANGES = (
+    "Change: the mean change ± its Monte-Carlo error, its standard error over the people drawn. "
+    "Effect size: that change over the standard deviation between people (Cohen's d_av, of both "
+    "samples' mean variance) ± its Monte-Carlo error, by the jackknife. More people make the "
+    "errors smaller, not the effects larger; there are no p values, because people who are drawn "
+    "from a model can be had in any number."
+)
+"""What the columns of a comparison mean."""
 
 Condition = tuple[str, str]
 """Arm and controller, as an Outcome names them."""
@@ -38,15 +46,13 @@ class Comparison:
     Attributes:
         first, second: what is compared.
         name: the Outcome's field.
-        found: the second's less the first's, person by person.
-        p: of the signed-rank test, by Holm corrected for the number of comparisons.
+        effect: the second's less the first's, person by person.
     """
 
     first: Condition
     second: Condition
     name: str
-    found: Paired
-    p: float
+    effect: Effect
 
 
 def conditions(outcomes: Sequence[Outcome]) -> list[Condition]:
@@ -63,10 +69,9 @@ def comparisons(outcomes: Sequence[Outcome]) -> list[Comparison]:
         first, second = (_by_operator(outcomes, condition) for condition in (a, b))
         people = sorted(first.keys() & second.keys())
         for name in COMPARED:
-            found = paired(*([getattr(of[i], name) for i in people] for of in (first, second)))
-            rows.append((a, b, name, found))
-    corrected = holm([row[3].p_signed_rank for row in rows])
-    return [Comparison(*row, p) for row, p in zip(rows, corrected, strict=True)]
+            found = effect(*([getattr(of[i], name) for i in people] for of in (first, second)))
+            rows.append(Comparison(a, b, name, found))
+    return rows
 
 
 def side_by_side(outcomes: Sequence[Outcome]) -> str:
@@ -76,7 +81,7 @@ def side_by_side(outcomes: Sequence[Outcome]) -> str:
         return ""
     of = [[o for o in outcomes if (o.arm, o.controller) == each] for each in found]
     changes = {c.name: c for c in compared} if len(found) == 2 else {}
-    ends = ["mean change [95 %]", "p, rank (Holm)"] if changes else []
+    ends = ["mean change", "effect size"] if changes else []
     heads = ["", *_short(found), *ends]
     lines = [row(heads), row(["---", *["---:"] * (len(heads) - 1)])]
     for label, name, kind, style in SIDE_BY_SIDE:
@@ -92,30 +97,17 @@ def comparison_table(outcomes: Sequence[Outcome]) -> str:
     compared = comparisons(outcomes)
     if not compared:
         return ""
-    heads = ["from", "to", "on / with", "measure", "people", "mean change", "95 %"]
-    lines = [row([*heads, "p, t", "p, rank", "Holm"]), row(["---"] * 4 + ["---:"] * 6)]
+    heads = ["from", "to", "on / with", "measure", "people", "mean change", "effect size"]
+    lines = [row(heads), row(["---"] * 4 + ["---:"] * 3)]
     for c in compared:
-        d, (arm, law) = c.found.difference, c.first
+        arm, law = c.first
         if arm == c.second[0]:
             names = [law, c.second[1], title(arm)]
         else:
             names = [title(arm), title(c.second[0]), law]
-        numbers = [f"{d.mean:.4g}", f"[{d.low:.4g}, {d.high:.4g}]", f"{c.found.p_t:.2g}"]
-        p_values = [f"{c.found.p_signed_rank:.2g}", f"{c.p:.2g}"]
-        if d.count < 2:  # one person, or none: neither intervals nor tests
-            numbers, p_values = [numbers[0] if d.count else "", "", ""], ["", ""]
-        lines.append(row([*names, c.name, str(d.count), *numbers, *p_values]))
-    tests = "Paired t test and Wilcoxon's signed-rank test; Holm's correction is of the latter."
-    lines += ["", tests]
-    people = max(c.found.difference.count for c in compared)
-    least = least_rank_p(people)
-    if people and least * len(compared) > SIGNIFICANT:
-        lines.append(
-            f"With {people} people p, rank is {least:.2g} at the least, however alike their "
-            f"changes are, and {min(1.0, least * len(compared)):.2g} corrected for "
-            f"{len(compared)} comparisons: too few people to find anything at {SIGNIFICANT:g}."
-        )
-    return "\n".join(lines) + "\n"
+        numbers = [_with_error(c.effect.change, ".4g"), _size(c.effect)]
+        lines.append(row([*names, c.name, str(c.effect.change.count), *numbers]))
+    return "\n".join([*lines, "", CHANGES]) + "\n"
 
 
 def row(cells: Sequence[str]) -> str:
@@ -139,10 +131,21 @@ def _short(found: Sequence[Condition]) -> list[str]:
 def _change(found: Comparison | None, kind: str) -> list[str]:
     if found is None or kind != "mean":
         return ["", ""]
-    d = found.found.difference
-    if d.count < 2:
-        return [f"{d.mean:.2g}" if d.count else "", ""]
-    return [f"{d.mean:.2g} [{d.low:.2g}, {d.high:.2g}]", f"{found.p:.2g}"]
+    return [_with_error(found.effect.change, ".2g"), _size(found.effect)]
+
+
+def _with_error(found: Summary, style: str) -> str:
+    """Mean and Monte-Carlo error; the mean alone of one person."""
+    if found.count < 2:
+        return f"{found.mean:{style}}" if found.count else ""
+    return f"{found.mean:{style}} ± {found.error:.2g}"
+
+
+def _size(found: Effect) -> str:
+    if math.isnan(found.size):
+        return ""
+    error = "" if math.isnan(found.size_error) else f" ± {found.size_error:.2g}"
+    return f"{found.size:.2g}{error}"
 
 
 def _by_operator(outcomes: Sequence[Outcome], condition: Condition) -> dict[int, Outcome]:

@@ -135,7 +135,7 @@ def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
 def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
     """Novices and experienced with one arm and controller: time in all and an objective, errors.
 
-    The model does not learn within a trial: what differs from objective to objective is the way.
+    Unless the study has Learning, what differs from objective to objective is the way alone.
     """
     figure = Figure(figsize=(11.0, 3.9), layout="constrained")
     if outcomes:

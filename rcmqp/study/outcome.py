@@ -101,7 +101,9 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
     surface = axis - insertion.instrument.radius
     slow = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=-1) < SLOW * run.period
     moving = float(np.sqrt(np.mean(run.rcm_error[~slow] ** 2))) if not slow.all() else np.nan
-    looking = recognition_times(path.operator, len(times), scenario.seed)
+    done = times[~np.isnan(times)]
+    starts = (0.0, *done[:-1].tolist())
+    looking = recognition_times(path.operator, len(done), scenario.seed, path.learning, starts)
     numbers = {name: getattr(found, name) for name in _FROM_METRICS}
     outcome = Outcome(
         trial.operator,
@@ -112,7 +114,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         finished=not np.isnan(times[-1]),
         completion_s=float(times[-1]),
         reached_s=tuple(map(float, times)),
-        looking_s=float(sum(s for s, t in zip(looking, times, strict=True) if not np.isnan(t))),
+        looking_s=float(sum(looking)),
         obstacle_tip_mm=1e3 * float(camera.min()),
         obstacle_shaft_mm=1e3 * float(surface.min()),
         collided=bool(surface.min() < 0.0),

@@ -16,7 +16,7 @@ from rcmqp.arm_limits import ArmLimits
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.loading import arm_names
-from rcmqp.operators import CameraTrial, Operator, operator_of_study
+from rcmqp.operators import CameraTrial, Learning, Operator, operator_of_study
 from rcmqp.scenario import Scenario
 from rcmqp.scenario_loading import load_scenario
 
@@ -101,6 +101,7 @@ class Trial:
         law: the controller.
         flange: with a URDF, the frame that carries the instrument.
         limits: of the joints, in place of the arm's own; None for those.
+        learning: of the novices; None for the scenario's, as a rule none.
     """
 
     scenario: str
@@ -110,6 +111,7 @@ class Trial:
     law: Law
     flange: str | None = None
     limits: ArmLimits | None = None
+    learning: Learning | None = None
 
     @property
     def stem(self) -> str:
@@ -137,9 +139,10 @@ class Trial:
                 "the operator out, or run the scenario by itself with rcmqp run"
             )
         person, seed = operator_of_study(self.operator, self.seed)
-        return dataclasses.replace(
-            base, path=dataclasses.replace(base.path, operator=person), seed=seed
+        path = dataclasses.replace(
+            base.path, operator=person, learning=self.learning or base.path.learning
         )
+        return dataclasses.replace(base, path=path, seed=seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +160,8 @@ class Study:
         laws: controllers.
         flange: for the arms that are URDFs.
         limits: of the joints, in place of every arm's own; None for those.
+        learning: of the novices, practice before the trial and learning in it; None for people
+            who do not learn.
     """
 
     scenario: str = "camera_task"
@@ -166,6 +171,7 @@ class Study:
     laws: tuple[Law, ...] = (Law(),)
     flange: str | None = None
     limits: ArmLimits | None = None
+    learning: Learning | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -182,7 +188,7 @@ class Study:
     def trials(self) -> list[Trial]:
         """Every trial; all of a person's one after the other."""
         return [
-            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits)
+            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits, self.learning)
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rcmqp.metrics import Metrics
 from rcmqp.study.perform import Performed
 from rcmqp.study.record import write_whole
 from rcmqp.study.tables import operators_csv, outcomes_csv, table
@@ -11,13 +12,17 @@ from rcmqp.study.tables import operators_csv, outcomes_csv, table
 FIGURES = ("fig4_views", "fig6_errors", "fig7_trajectory", "groups")
 
 
-def write_tables(performed: Performed) -> tuple[str, list[Path]]:
+def write_tables(performed: Performed, jump: Metrics | None = None) -> tuple[str, list[Path]]:
     """table.md, trials.csv and operators.csv; the table's text and the files.
+
+    Args:
+        performed: the study.
+        jump: see tables.table().
 
     Raises:
         RunFileError: a file cannot be written.
     """
-    study, text = performed.study, table(performed)
+    study, text = performed.study, table(performed, jump)
     head = (
         f"# Study: {study.scenario}, {study.operators} simulated operators, seed {study.seed}\n\n"
     )

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rcmqp.metrics import ROUNDING
+from rcmqp.metrics import ROUNDING, Metrics
 from rcmqp.operators import GROUPS, PARAMETERS, CameraTrial
 from rcmqp.study.comparisons import comparison_table, conditions, row, side_by_side, title
 from rcmqp.study.outcome import Outcome
@@ -65,6 +65,9 @@ EXTREMES = (
 )
 """Largest errors of all trials [mm]."""
 
+JUMP = "no person but a device jump: effector; RCM error, largest [mm]"
+"""Label of the row of the scenario device_jump."""
+
 COUNTED: tuple[tuple[str, str, Callable[[Outcome], bool]], ...] = (
     ("finished", "all", lambda o: o.finished),
     ("collisions: the shaft touched the obstacle", "0", lambda o: o.collided),
@@ -79,30 +82,39 @@ point's or the camera's is not said, so both are given. (**) From where to where
 measures the distance is not said. Both are to the obstacle's surface: from the camera as a
 point, and from the shaft's surface.
 
-± is the standard deviation between operators, [ ] the interval of the mean at 95 % confidence
-(Student's t; of several comparisons none is corrected, while p, of the signed-rank test, is, by
-Holm). Times are of those who finished, changes of those who have both numbers. The operators are
-a model. The times spent looking, and with them the completion times, rest on parameters fitted
+± is the standard deviation between operators, [ ] where the mean of the model lies: the 95 %
+interval (Student's t) of a mean over the people drawn. It says how exactly these draws give the
+model's mean, and nothing about real people. Times are of those who finished, changes of those who
+have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
+The times spent looking, and with them the completion times, rest on parameters fitted
 to the paper's own mean and deviation before this study, and how the operators keep off the
 obstacle was set after trials in which one in twenty touched it: times and collisions are no
-result. The model does not learn: what differs from objective to objective is the way. What the
+result. Unless a practice was given, the model does not learn: what differs from objective to
+objective is the way. What the
 paper leaves open, the scene, the period, the arm and the device's viscosity, is chosen: see
 scenarios/camera_task.py and `rcmqp.operators.population`; an objective counts as reached as soon
-as the camera is within 1 mm of it, however fast. Controllers are compared at the periods named:
-the law's RCM error grows with the period and the square of the speed. A movement of the model's
-peaks at 60 or 80 mm/s, to which arm and tremor add some; the paper's largest error, 4.82 mm,
-asks for 290 mm/s, or for a jump. The same people look for the same times with every controller.
-hierarchical_qp knows the obstacle and keeps the shaft out of
-it, whatever the operator asks for; the paper's law does not.
+as the camera is within 1 mm of it, however fast. Controllers are compared at the periods named,
+and differ in more than their law: in period, feed-forward and limits, which
+`rcmqp reproduce -e b --factors` takes apart. The law's RCM error grows with the period and the
+square of the speed. A movement of the model's peaks at 60 or 80 mm/s, to which arm and tremor
+add some; the paper's largest error, 4.82 mm, asks for 290 mm/s, or for a jump (scenario
+device_jump). The same people look for the same times with every controller. hierarchical_qp knows
+the obstacle and keeps the shaft out of it as far as the joints' limits allow; the paper's law
+does not know it.
 """
 
 
-def table(performed: Performed) -> str:
-    """Markdown: arms and controllers side by side, each beside the paper, each with each."""
+def table(performed: Performed, jump: Metrics | None = None) -> str:
+    """Markdown: arms and controllers side by side, each beside the paper, each with each.
+
+    Args:
+        performed: the study.
+        jump: of the scenario device_jump, for a row of its own beside the people's maxima.
+    """
     parts = []
     for arm, law in conditions(performed.outcomes):
         mine = [o for o in performed.outcomes if (o.arm, o.controller) == (arm, law)]
-        parts.append(f"## {title(arm)}, {law}\n\n{_table_one(mine)}")
+        parts.append(f"## {title(arm)}, {law}\n\n{_table_one(mine, jump)}")
     if beside := side_by_side(performed.outcomes):
         parts.insert(0, f"## Side by side\n\n{beside}")
     if comparison := comparison_table(performed.outcomes):
@@ -111,7 +123,7 @@ def table(performed: Performed) -> str:
     return "\n".join(parts)
 
 
-def _table_one(outcomes: Sequence[Outcome]) -> str:
+def _table_one(outcomes: Sequence[Outcome], jump: Metrics | None) -> str:
     groups = {"all": list(outcomes)}
     for group in GROUPS:
         groups[group] = [o for o in outcomes if o.group == group]
@@ -129,6 +141,9 @@ def _table_one(outcomes: Sequence[Outcome]) -> str:
         found = [summary([getattr(o, m.name) for o in of]).largest for of in groups.values()]
         cells = ["" if math.isnan(x) else format(x, m.style) for x in found]
         lines.append(row([f"{m.label}, largest [mm]", m.paper, *cells]))
+    if jump is not None:
+        largest = f"{jump.effector_max_mm:.2f}; {jump.rcm_max_mm:.3g}"
+        lines.append(row([JUMP, "4.82 (*); 0.37", largest, *[""] * (len(groups) - 1)]))
     for label, paper, has in COUNTED:
         counts = [f"{sum(map(has, of))} of {len(of)}" for of in groups.values()]
         lines.append(row([label, paper, *counts]))
