@@ -59,7 +59,7 @@ def test_a_registered_arm_has_its_makers_limits_and_the_others_are_assumed(arm: 
     entry = robot_toml(arm.name)
     acceleration = np.array(entry.get("acceleration", arm.velocity / 0.5))
     assert_allclose(arm.acceleration, acceleration, rtol=1e-15)
-    assert_allclose(arm.jerk, entry.get("jerk", acceleration / 0.05), rtol=1e-15)
+    assert_allclose(arm.jerk, entry.get("jerk", acceleration / 0.02), rtol=1e-15)
     assert arm.assumed == {"acceleration", "jerk"} - entry.keys()
     assert np.isfinite([arm.acceleration, arm.jerk]).all()
     about = " ".join(entry["sources"])  # what is assumed is said to be, what is known has a source
@@ -97,7 +97,7 @@ def test_a_urdf_with_limits_of_version_1_2_has_them(tmp_path: Path) -> None:
 def test_what_a_urdf_leaves_out_is_assumed_joint_by_joint(tmp_path: Path) -> None:
     arm = load_arm(urdf(tmp_path, 'deceleration="8"', "", 'jerk="7"'), "l3")
     assert arm.acceleration.tolist() == [8.0, 4.0, 4.0]
-    assert_allclose(arm.jerk, [160.0, 80.0, 7.0], rtol=1e-15)
+    assert_allclose(arm.jerk, [400.0, 200.0, 7.0], rtol=1e-15)
     assert arm.assumed == {"acceleration", "jerk"}
 
 
@@ -161,7 +161,7 @@ def test_limits_are_given_as_a_number_a_sequence_or_by_joint() -> None:
     assert every.velocity.tolist() == [1.5] * 6
     each = load_arm("ur5", acceleration=np.arange(1.0, 7.0), jerk=[None, 5, None, None, 6, 7])
     assert each.acceleration.tolist() == [1, 2, 3, 4, 5, 6]
-    assert_allclose(each.jerk, [20, 5, 60, 80, 6, 7], rtol=1e-15)
+    assert_allclose(each.jerk, [50, 5, 150, 200, 6, 7], rtol=1e-15)
     named = load_arm("ur5", acceleration={ELBOW: 3.0}, position={WRIST: (-1.7, 1.0)})
     expected = own.acceleration.copy()
     expected[2] = 3.0

@@ -988,7 +988,7 @@ def test_braking_ends_where_the_trocar_would_not_let_it(
     ("limits", "message"),
     [
         ({"jerk": [None] * 6}, "the acceleration limits of ur5 are only assumed: 6.3"),
-        ({"acceleration": 5.0}, "the jerk limits of ur5 are only assumed: 100"),
+        ({"acceleration": 5.0}, "the jerk limits of ur5 are only assumed: 250"),
         ({"acceleration": 5.0, "jerk": np.inf}, "the jerk limits of ur5 are infinite"),
         ({"acceleration": np.inf, "jerk": 90.0}, "the acceleration limits of ur5 are infinite"),
     ],
