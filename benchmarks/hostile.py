@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from rcmqp import Command, Controller, Insertion, Reference, load_scenario, make_controller
+from rcmqp import Controller, Insertion, Reference, load_scenario, make_controller
 from rcmqp.arm import ArmState
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.qp.hierarchy import hierarchy_backends

@@ -73,8 +73,9 @@ class Hierarchy:
     where that is above one. A level above 1e-8 is never called exact.
 
     Directions in which a strict level gains less than 1e-9 of its unit (nm/s, nrad/s) for each
-    unit of v belong to the levels below; entries of A below that are not seen. With ``guarded`` levels, what cannot be reached of them
-    and of the hard rows is damped likewise, the more, the more is left.
+    unit of v belong to the levels below; entries of A below that are not seen. With ``guarded``
+    levels, what cannot be reached of them and of the hard rows is damped likewise, the more, the
+    more is left.
 
     Attributes:
         backend: ``"proxqp"``, ``"daqp"``, any solver of ``solver_names()``; ``"active_set"`` for

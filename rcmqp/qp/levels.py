@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -45,8 +44,10 @@ class Level:
         object.__setattr__(self, "A", matrix)
         object.__setattr__(self, "b", checked(b, (len(matrix),), f"b of level {name!r}"))
         object.__setattr__(self, "name", name)
-        if not 0.0 <= damping < math.inf:
-            raise InvalidProblem(f"damping of level {name!r} is {damping}; give 0 or more")
+        if damping != 0.0 and not 1e-9 <= damping <= 1e9:
+            raise InvalidProblem(
+                f"damping of level {name!r} is {damping}; give 0, or a number from 1e-9 to 1e9"
+            )
         object.__setattr__(self, "damping", float(damping))
 
 

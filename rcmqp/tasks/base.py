@@ -66,6 +66,9 @@ class Residual:
 DAMPING = {"m": 0.01, "rad": 0.03}
 """What 1 rad/s must gain to be worth it, by the unit of a task's error: 10 mm/s, 30 mrad/s."""
 
+DAMPINGS = 1e-6, 1e6
+"""Least and largest damping of a level that is not strict: beyond them rounding decides."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approach:
@@ -147,8 +150,13 @@ class Task(abc.ABC):
         """Check gain, weight and damping."""
         check_positive("gain", self.gain, "1/s")
         check_positive("weight", self.weight)
-        if self.damping is not None and not 0.0 <= self.damping < math.inf:
-            raise OptionError(f"damping = {self.damping}; it must be 0 or more, and finite")
+        if self.damping is not None and self.damping != 0.0:
+            low, high = DAMPINGS
+            if not low <= self.damping <= high:
+                raise OptionError(
+                    f"damping = {self.damping}; it must be 0 for a strict level, or from {low:g} "
+                    f"to {high:g}"
+                )
 
     @property
     def speed_damping(self) -> float:
