@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,14 +83,10 @@ def print_written(path: Path, more: str = "") -> None:
     out.print(f"wrote {path}{more}", markup=False, highlight=False, soft_wrap=True)
 
 
-def print_table(heads: Iterable[str], rows: Iterable[Sequence[str]], words: int = 1) -> None:
-    """A table of texts; words in the first ``words`` columns are not cut, nor the first itself."""
-    rows = list(rows)
-    columns = [Column(escape(head)) for head in heads]
-    columns[0].no_wrap = True
-    for k in range(1, words):
-        columns[k].min_width = max((len(x) for row in rows for x in row[k].split()), default=None)
-    table = Table(*columns, box=box.SIMPLE)
+def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """A table of texts; the first column, of names, is never cut."""
+    first, *others = map(escape, heads)
+    table = Table(Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False)
     for row in rows:
         table.add_row(*map(escape, row))
     out.print(table)
@@ -100,7 +97,16 @@ def print_tables(tables: Iterable[TitledTable]) -> None:
     for table in tables:
         if table.main:
             out.print(table.title, markup=False, highlight=False, soft_wrap=True)
-            print_table([head.replace("-", "- ") for head in table.heads], table.rows, table.left)
+            heads = [head.replace("-", "- ") for head in table.heads]
+            columns = map(_narrow, zip(heads, *table.rows, strict=True))
+            first, *rows = zip(*columns, strict=True)
+            print_table(first, rows)
+
+
+def _narrow(texts: Sequence[str]) -> list[str]:
+    """Texts of a column in lines that break at spaces only, and are as short as that allows."""
+    width = max((len(word) for text in texts for word in text.split()), default=1)
+    return [textwrap.fill(text, width, break_on_hyphens=False) for text in texts]
 
 
 def print_run(result: Recording, as_json: bool, file: Path | None) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
+from rcmqp import Run, console, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
 from rcmqp.compare import TIMES, Case, Row, as_markdown, cases, compare, row_of, tables
 from rcmqp.controllers import CONTROLLERS, controller_options
@@ -292,6 +292,16 @@ def test_one_controller_on_several_arms_is_one_table_and_several_have_one_for_ea
     assert [list(table.heads[:3]) for table in several] == [given] * 6
 
 
+def test_no_word_is_cut_in_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    several = [made(setting, arm="meka_a2") for setting in SETTINGS]
+    console.print_tables(tables(several))
+    console.print_tables(tables([made("damped", arm=arm) for arm in ("meka_a2", "panda")]))
+    text = capsys.readouterr().out
+    assert "\u2026" not in text
+    widths = [len(line) for line in text.splitlines() if ":" not in line]  # titles have one
+    assert max(widths) <= 120
+
+
 def test_a_run_that_goes_on_after_its_path_says_until_when_its_errors_count() -> None:
     rows = [
         made("dual_quaternion", duration=duration, period=0.008, arm="lwa3")
@@ -335,7 +345,9 @@ def test_the_table_of_a_moving_trocar_says_why_two_laws_differ(
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) <= 120
     assert "\u2026" not in text  # nothing is cut
-    lines = [line.split() for line in text.splitlines() if line.startswith(("  damped", "  hier"))]
+    lines = [
+        line.split() for line in text.splitlines() if line.strip().startswith(("damped", "hier"))
+    ]
     assert [line[:3] for line in lines[:3]] == [
         ["damped", "no", "none"],
         ["damped", "yes", "none"],

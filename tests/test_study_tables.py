@@ -179,9 +179,15 @@ def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> N
 
 
 def test_side_by_side_says_what_each_controller_was_given() -> None:
-    given = {"limits_enforced": "none", "gain": "60", "assumed": "jerk"}
-    first = [dataclasses.replace(o, feed_forward="no", **given) for o in outcomes("a", 0.0)]
-    second = [dataclasses.replace(o, feed_forward="yes", **given) for o in outcomes("b", 0.1)]
+    first, second = (
+        [
+            dataclasses.replace(
+                o, feed_forward=forward, limits_enforced="none", gain="60", assumed="jerk"
+            )
+            for o in outcomes(law, 0.0)
+        ]
+        for law, forward in (("a", "no"), ("b", "yes"))
+    )
     text = side_by_side([*first, *second])
     for start, expected in (
         ("| feed-forward", ["no", "yes", "", ""]),
