@@ -213,12 +213,10 @@ def _cell(value: float) -> str:
 def given(controller: str, backend: str) -> tuple[str, ...]:
     """What a controller is given besides gain and K_c: feed-forward, limits kept, options."""
     known = controller_options(controller)
-    optional = known.get("feed_forward")
-    feed_forward = "always" if optional is None else "yes" if optional else "no"
-    kept = "speed, acceleration, position" if "limit_gain" in known else "none"
+    had = make_controller(controller, load_scenario("circle").insertion(), 1e-3).given
     takes = [name for name in ("gain", "K_c") if name in known]
     solver = (known | _backend(controller, backend)).get("backend", "")
-    return (controller, feed_forward, kept, ", ".join(takes), str(solver))
+    return (controller, had.feed_forward_text, had.limits_text, ", ".join(takes), str(solver))
 
 
 def main() -> None:
@@ -233,7 +231,7 @@ def main() -> None:
     parser.add_argument("--no-scenarios", action="store_true", help="held views only")
     asked = parser.parse_args()
     parallel = Parallel(n_jobs=asked.jobs, return_as="generator", batch_size=1)
-    line = "| controller | feed-forward | limits kept | drawn options | backend |"
+    line = "| controller | feed-forward | joint limits enforced | drawn options | backend |"
     print(f"{line}\n| --- | --- | --- | --- | --- |")
     for name in asked.controllers:
         print(f"| {' | '.join(given(name, asked.backend))} |")

@@ -16,16 +16,20 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp.controllers import make_controller
+from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.files import check_writable, make_folder, unlike, whole
+from rcmqp.labels import GIVEN, TOLD, given_cells, given_words
 from rcmqp.loading import arm_names
-from rcmqp.markdown import literal
+from rcmqp.markdown import TitledTable
 from rcmqp.metrics import (
     AFTER_THE_STOP,
     ROUNDING,
     after_the_stop,
     against_limit,
     compute_metrics,
+    readable,
+    until,
 )
 from rcmqp.run import Run
 from rcmqp.scenario_loading import load_scenario, own_arm
@@ -38,10 +42,10 @@ class Case:
     """One run to make.
 
     Attributes:
-        scenario, controller: names.
+        scenario: name.
+        controller: its setting, NAME or NAME:OPTION=VALUE,OPTION=VALUE.
         arm: name; None for the scenario's own.
         changes: fields of the scenario to be other than it has them.
-        options: of the controller.
         flange: where the arm is a URDF, the frame that carries the instrument.
     """
 
@@ -49,7 +53,6 @@ class Case:
     arm: str | None
     controller: str
     changes: Mapping[str, Any] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
     flange: str | None = None
 
 
@@ -58,11 +61,14 @@ class Row:
     """What came of a case.
 
     Attributes:
-        limits_kept: whether no joint left its position, speed or acceleration limits; None of a
-            case that was not run.
+        setting: the controller's, as Case has it; empty if it is not known.
+        feed_forward, limits_enforced, period_ms, gain: what the controller was given, as
+            given_cells() has it.
+        limits_kept: whether no joint left its position, speed, acceleration or jerk limits; None
+            of a case that was not run.
         safe_stops: cycles that ended in the controller's safe stop.
         acceleration_ratio_max, jerk_ratio_max: NaN, too, on arms without such limits.
-        assumed: which limits, acceleration or jerk, nobody has given; see Arm.assumed.
+        assumed: which limits, acceleration or jerk, nobody has given, see Arm.assumed; or none.
         errors_until_s, reversals_in_a_row and so on: see Metrics.
         sparc, ldlj: smoothness of the tip's speed, see rcmqp.smoothness.
         file: name of the run's file in the comparison's folder.
@@ -72,7 +78,14 @@ class Row:
     scenario: str
     arm: str
     controller: str
+    setting: str = ""
+    feed_forward: str = ""
+    limits_enforced: str = ""
+    period_ms: str = ""
+    gain: str = ""
+    assumed: str = ""
     errors_until_s: float = np.nan
+    duration_s: float = np.nan
     tip_rms_mm: float = np.nan
     tip_max_mm: float = np.nan
     contour_rms_mm: float = np.nan
@@ -86,7 +99,6 @@ class Row:
     speed_ratio_max: float = np.nan
     acceleration_ratio_max: float = np.nan
     jerk_ratio_max: float = np.nan
-    assumed: str = ""
     limit_margin_min_rad: float = np.nan
     obstacle_distance_min_mm: float = np.nan
     saturated_share: float = np.nan
@@ -111,40 +123,50 @@ class Row:
 TIMES = ("solve_time_median_us", "solve_time_p99_us")
 """What differs from run to run."""
 
-_NAMES = {"scenario": "scenario", "arm": "arm", "controller": "controller"}
+_LEAD = {
+    "scenario": "scenario",
+    "arm": "arm",
+    "controller": "controller",
+    **GIVEN,
+    "until": "rms until [s]",
+}
+"""Columns that say what a row is of; what all rows share stands in a table's title instead."""
 
-_TITLES = {
-    **_NAMES,
-    "errors_until_s": "rms until [s]",
+_ERRORS = {
     "tip_rms_mm": "tip rms [mm]",
-    "contour_rms_mm": "contour rms [mm]",
-    "lag_max_s": "lag max [s]",
-    "rcm_rms_mm": "RCM rms [mm]",
+    "orientation_rms_mrad": "orient. rms [mrad]",
     "rcm_max_mm": "RCM max [mm]",
-    "limits_kept": "limits kept",
+    "limits_kept": "joint limits kept",
     "speed_ratio_max": "speed / limit",
     "acceleration_ratio_max": "acc. / limit",
     "jerk_ratio_max": "jerk / limit",
-    "limit_margin_min_rad": "margin [rad]",
-    "saturated_share": "saturated",
-    "safe_stops": "stops",
-    "solve_time_median_us": "step [us]",
-    "failure": "failure",
 }
 
 _OVER_TIME = {
-    **_NAMES,
-    "orientation_rms_mrad": "orientation rms [mrad]",
-    "orientation_max_mrad": "max [mrad]",
-    "reversals_in_a_row": "reversals in a row",
-    "reversals": "in all",
-    "step_ratio_max": "step of v / limit",
-    "reference_end_s": "reference stops [s]",
+    "contour_max_mm": "contour max [mm]",
+    "orientation_max_mrad": "orient. max [mrad]",
+    "reversals": "cycles with a reversal",
     "overshoot_max_mm": "overshoot [mm]",
     "settling_time_s": "below 1 mm after [s]",
     "swing_ratio_end": "swing at the end / limit",
+}
+
+_MORE = {
+    "tip_max_mm": "tip max [mm]",
+    "contour_rms_mm": "contour rms [mm]",
+    "lag_max_s": "lag max [s]",
+    "rcm_rms_mm": "RCM rms [mm]",
+    "reversals_in_a_row": "reversals in a row",
+    "reference_end_s": "reference stops [s]",
+    "step_ratio_max": "step of v / limit",
+    "limit_margin_min_rad": "margin to limits [rad]",
+    "obstacle_distance_min_mm": "to obstacle [mm]",
+    "singular_value_min": "singular value, least",
+    "saturated_share": "saturated",
+    "safe_stops": "stops",
     "sparc": "SPARC",
     "ldlj": "LDLJ",
+    "solve_time_median_us": "step [us]",
 }
 
 
@@ -153,7 +175,6 @@ def cases(
     arms: Sequence[str | None],
     controllers: Sequence[str],
     changes: Mapping[str, Any] | None = None,
-    options: Mapping[str, Mapping[str, Any]] | None = None,
     flange: str | None = None,
 ) -> list[Case]:
     """Every combination, scenarios first; see Case.
@@ -161,24 +182,14 @@ def cases(
     Args:
         scenarios: names.
         arms: names, or paths of URDFs; None for the scenario's own.
-        controllers: names.
+        controllers: settings, NAME or NAME:OPTION=VALUE,OPTION=VALUE.
         changes: fields of every scenario.
-        options: of each controller that is to have some, by its name.
         flange: for the arms that are URDFs.
     """
     named = (None, *arm_names())
     return [
-        Case(
-            scenario,
-            arm,
-            name,
-            changes or {},
-            (options or {}).get(name, {}),
-            None if arm in named else flange,
-        )
-        for scenario, arm, name in itertools.product(
-            scenarios, arms, [controller.replace("-", "_") for controller in controllers]
-        )
+        Case(scenario, arm, setting, changes or {}, None if arm in named else flange)
+        for scenario, arm, setting in itertools.product(scenarios, arms, controllers)
     ]
 
 
@@ -241,29 +252,32 @@ def run_case(case: Case, file: Path) -> Row:
     try:
         scenario = load_scenario(case.scenario, case.arm, flange=case.flange, **case.changes)
         insertion = scenario.insertion()
-        controller = make_controller(case.controller, insertion, scenario.period, **case.options)
+        name, options = controller_of(case.controller)
+        controller = make_controller(name, insertion, scenario.period, **options)
         run = simulate(scenario, controller)
         run.save(file)
-        return dataclasses.replace(row_of(run), file=file.name)
+        return dataclasses.replace(row_of(run), setting=case.controller, file=file.name)
     except Exception as error:  # noqa: BLE001  (the other cases go on, and the row has it)
         failure = f"{type(error).__name__}: {error}"
-        return Row(case.scenario, case.arm or "", case.controller, failure=failure)
+        name = case.controller.partition(":")[0].replace("-", "_")
+        return Row(case.scenario, case.arm or "", name, case.controller, failure=failure)
 
 
 def row_of(run: Run) -> Row:
     """Sum up a run."""
     found = dataclasses.asdict(compute_metrics(run))
     names = {item.name for item in dataclasses.fields(Row)}
+    values = {name: value for name, value in found.items() if name in names}
+    values |= given_cells(run.head)
+    ratios = (found[f"{name}_ratio_max"] for name in ("speed", "acceleration", "jerk"))
+    kept = not any(ratio > 1.0 + ROUNDING for ratio in ratios)  # NaN: there is no limit
     speed = np.linalg.norm(np.diff(run.tip, axis=0), axis=1) / run.period
     return Row(
         run.scenario.name,
         run.scenario.arm,
         run.controller,
-        **{name: value for name, value in found.items() if name in names},
-        limits_kept=found["speed_ratio_max"] <= 1.0 + ROUNDING
-        and not found["acceleration_ratio_max"] > 1.0 + ROUNDING
-        and found["limit_margin_min_rad"] >= -ROUNDING,
-        assumed=" ".join(run.assumed),
+        **values,
+        limits_kept=kept and found["limit_margin_min_rad"] >= -ROUNDING,
         safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
         sparc=sparc(speed, run.period),
         ldlj=log_dimensionless_jerk(speed, run.period),
@@ -283,7 +297,8 @@ def _names(todo: Iterable[Case]) -> tuple[list[str], list[str]]:
         if key not in figures:
             figures[key] = unlike(figures.values(), _stem(case))
         stems.append(figures[key])
-        name = f"{stems[-1]}_{case.controller.replace('-', '_')}"
+        law = case.controller.partition(":")[0].replace("-", "_")
+        name = f"{stems[-1]}_{law}"
         files.append(unlike(files, name, ".h5"))
     return stems, files
 
@@ -318,42 +333,84 @@ def as_csv(rows: Iterable[Row]) -> str:
     return text.getvalue()
 
 
-def as_markdown(rows: Iterable[Row]) -> str:
-    """The columns that a reader compares: errors and limits; then what happens over time."""
-    rows = list(rows)
-    lines = [_line(_TITLES.values()), _rule(_TITLES)]
+def tables(rows: Sequence[Row]) -> list[TitledTable]:
+    """Errors and limits; what happens over time; and what else there is.
+
+    What every controller was given stands in each table. Several controllers get three tables for
+    each scenario and arm, in which they can be compared; one controller gets three for all.
+    """
+    laws = {(row.controller, row.setting, row.feed_forward, row.limits_enforced) for row in rows}
+    groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        cells = {name: _cell(getattr(row, name)) for name in _TITLES}
-        if not row.failure:
-            for name in ("acceleration", "jerk"):
-                ratio, assumed = f"{name}_ratio_max", name in row.assumed.split()
-                cells[ratio] = against_limit(getattr(row, ratio), ".4g", assumed=assumed)
-        lines.append(_line(cells.values()))
+        key = (row.scenario, row.arm) if len(laws) > 1 else ()
+        groups.setdefault(key, []).append(row)
+    return [each for group in groups.values() for each in _tables(group, len(laws) > 1)]
+
+
+def as_markdown(rows: Sequence[Row]) -> str:
+    """All of tables()."""
+    return "\n".join(each.markdown for each in tables(rows))
+
+
+def _tables(rows: Sequence[Row], several: bool) -> list[TitledTable]:
+    """Three tables; what all rows share is in the title, but for what tells controllers apart."""
     made = [row for row in rows if not row.failure]
+    apart = ("controller", "feed_forward", "limits_enforced") if several else ()
+    lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in made}) != 1]
+    lead = lead or ["controller"]
+    title = f": {_words(made[0], [name for name in _LEAD if name not in lead])}" if made else ""
+    found = [_table(f"Errors and limits{title}", rows, lead, _ERRORS)]
+    if len(made) < len(rows):
+        cells = [[*texts, row.failure] for texts, row in zip(found[0].rows, rows, strict=True)]
+        found[0] = dataclasses.replace(found[0], heads=[*found[0].heads, "failure"], rows=cells)
     if made:
-        lines += ["", _line(_OVER_TIME.values()), _rule(_OVER_TIME)]
-    for row in made:
-        cells = {name: _cell(getattr(row, name)) for name in _OVER_TIME}
-        for name in AFTER_THE_STOP:
-            cells[name] = after_the_stop(getattr(row, name), ".4g")
-        lines.append(_line(cells.values()))
-    return "\n".join(lines) + "\n"
+        more = dataclasses.replace(_table(f"More{title}", made, lead, _MORE), main=False)
+        found += [_table(f"Over time{title}", made, lead, _OVER_TIME), more]
+    return found
 
 
-def _rule(titles: Iterable[str]) -> str:
-    """Below the heads: names and remarks to the left, numbers to the right."""
-    return _line("---" if name in (*_NAMES, "failure") else "---:" for name in titles)
+def _words(row: Row, shared: Sequence[str]) -> str:
+    """What all rows share, in the words of a caption."""
+    words = {name: _lead(row, name) for name in ("scenario", "controller")}
+    words |= given_words(dataclasses.asdict(row))
+    words |= {"arm": f"on {row.arm}", "until": f"rms until {_lead(row, 'until')} s"}
+    return ", ".join(words[name] for name in shared)
 
 
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _table(
+    title: str, rows: Sequence[Row], lead: Sequence[str], titles: Mapping[str, str]
+) -> TitledTable:
+    heads = [_LEAD[name] for name in lead] + list(titles.values())
+    cells = [
+        [*(_lead(row, name) for name in lead), *(_cell(row, name) for name in titles)]
+        for row in rows
+    ]
+    return TitledTable(title, heads, cells, len(lead))
 
 
-def _cell(value: object) -> str:
-    if value is None:
+def _lead(row: Row, name: str) -> str:
+    """What a row is of, in a column of _LEAD."""
+    if name == "until":
+        return "" if row.failure else until(row.errors_until_s, row.duration_s)
+    if name == "controller":
+        options = row.setting.partition(":")[2].split(",")
+        return ", ".join(
+            [row.controller, *(text for text in options if text.partition("=")[0] not in TOLD)]
+        ).removesuffix(", ")
+    return str(getattr(row, name))
+
+
+def _cell(row: Row, name: str) -> str:
+    """A number of a row, for people."""
+    value = getattr(row, name)
+    if row.failure or value is None:
         return ""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.4g}"
-    return literal(str(value))
+    if name in AFTER_THE_STOP:
+        return after_the_stop(value)
+    if name in ("acceleration_ratio_max", "jerk_ratio_max", "limit_margin_min_rad"):
+        return against_limit(value)
+    if np.isinf(value):
+        return "none"
+    return "" if np.isnan(value) else readable(value, ".3g")

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,8 @@ from rich.table import Column, Table
 
 from rcmqp.arm import Arm
 from rcmqp.dualquaternion import Array
+from rcmqp.labels import given_cells, given_words
+from rcmqp.markdown import TitledTable
 from rcmqp.metrics import (
     ROUNDING,
     Metrics,
@@ -82,11 +85,28 @@ def print_written(path: Path, more: str = "") -> None:
 
 def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """A table of texts; the first column, of names, is never cut."""
-    first, *others = heads
-    table = Table(Column(first, no_wrap=True), *others, box=box.SIMPLE)
+    first, *others = map(escape, heads)
+    table = Table(Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False)
     for row in rows:
         table.add_row(*map(escape, row))
     out.print(table)
+
+
+def print_tables(tables: Iterable[TitledTable]) -> None:
+    """Those of a comparison's tables that matter most, each below its title."""
+    for table in tables:
+        if table.main:
+            out.print(table.title, markup=False, highlight=False, soft_wrap=True)
+            heads = [head.replace("-", "- ") for head in table.heads]
+            columns = map(_narrow, zip(heads, *table.rows, strict=True))
+            first, *rows = zip(*columns, strict=True)
+            print_table(first, rows)
+
+
+def _narrow(texts: Sequence[str]) -> list[str]:
+    """Texts of a column in lines that break at spaces only, and are as short as that allows."""
+    width = max((len(word) for text in texts for word in text.split()), default=1)
+    return [textwrap.fill(text, width, break_on_hyphens=False) for text in texts]
 
 
 def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
@@ -95,16 +115,17 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
     if as_json:
         print_json(run_json(result, metrics))
     else:
-        title = f"{result.title}, T = {1e3 * result.head.scenario.period:g} ms"
-        out.print(title, markup=False, highlight=False, soft_wrap=True)
+        out.print(result.title, markup=False, highlight=False, soft_wrap=True)
+        words = ", ".join(given_words(given_cells(result.head)).values())
+        out.print(words, markup=False, highlight=False, soft_wrap=True)
         rows = []
         for name, label, unit in _ERRORS:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
             rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
         print_table(("error", "rms", "95 %", "max"), rows)
         for line in (
-            *_path_end(result, metrics),
-            *_summary(metrics, result.head.assumed),
+            *_path_end(metrics),
+            *_summary(metrics),
             *_governed(result),
         ):
             out.print(line, highlight=False, markup=False)
@@ -237,6 +258,7 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
         "digest": result.digest,
         "versions": dict(head.versions),
         "assumed": list(head.assumed),
+        "given": given_cells(head),
         "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
         "warnings": warnings(result, metrics),
     }
@@ -262,11 +284,8 @@ def row_json(row: object) -> dict[str, Any]:
     return {name: _finite(x) if isinstance(x, float) else x for name, x in values.items()}
 
 
-def _summary(metrics: Metrics, assumed: Sequence[str] = ()) -> Sequence[str]:
-    acceleration, jerk = (
-        _at_most(getattr(metrics, f"{name}_ratio_max"), name in assumed)
-        for name in ("acceleration", "jerk")
-    )
+def _summary(metrics: Metrics) -> Sequence[str]:
+    margin = against_limit(round(metrics.limit_margin_min_rad, 3) + 0.0, ".3f")
     return (
         f"contour error         {readable(metrics.contour_rms_mm, '.5f')} mm rms, "
         f"{readable(metrics.contour_max_mm, '.5f')} mm max, tip late by "
@@ -274,9 +293,9 @@ def _summary(metrics: Metrics, assumed: Sequence[str] = ()) -> Sequence[str]:
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
         f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
         f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
-        f"acceleration / limit  {acceleration}",
-        f"jerk / limit          {jerk}",
-        f"margin to limits      {round(metrics.limit_margin_min_rad, 3) + 0.0:.3f} rad at least",
+        f"acceleration / limit  {_at_most(metrics.acceleration_ratio_max)}",
+        f"jerk / limit          {_at_most(metrics.jerk_ratio_max)}",
+        f"margin to limits      {margin} rad at least",
         f"singular value        {metrics.singular_value_min:.4f} at least",
         f"joints turn round     in {metrics.reversals_in_a_row:.0f} cycles in a row at most, in "
         f"{metrics.reversals:.0f} in all",
@@ -309,15 +328,13 @@ def path_done(result: Recording) -> float | None:
     return min(1.0, float(path_time[rows - 1 : rows][0]) / scenario.path.duration)
 
 
-def _path_end(run: Recording, metrics: Metrics) -> list[str]:
+def _path_end(metrics: Metrics) -> list[str]:
     """That the run goes on after its path has ended, if it does."""
-    last = run.column("time").shape[0] - 1
-    end = run.head.scenario.period * last
-    if metrics.errors_until_s == end:
+    if metrics.errors_until_s == metrics.duration_s:
         return []
     return [
         f"path ended            at {metrics.errors_until_s:g} s: rms and 95 % are until then, "
-        f"max is of all {end:g} s"
+        f"max is of all {metrics.duration_s:g} s"
     ]
 
 
@@ -355,10 +372,9 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _at_most(ratio: float, assumed: bool) -> str:
+def _at_most(ratio: float) -> str:
     """The largest ratio to a limit, for people."""
-    text = against_limit(ratio, ".3f")
-    return text if math.isnan(ratio) else f"{text} at most{' (limit assumed)' if assumed else ''}"
+    return against_limit(ratio, ".3f") + ("" if math.isnan(ratio) else " at most")
 
 
 def _limit(value: float, assumed: bool) -> str:

@@ -113,6 +113,7 @@ class Cycles:
             acceleration_limit=arm.acceleration,
             jerk_limit=arm.jerk,
             assumed=tuple(sorted(arm.assumed)),
+            given=controller.given,
             **rows,
             solve_time=np.array(self._times),
             diagnostics=diagnostics,

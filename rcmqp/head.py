@@ -15,6 +15,7 @@ import numpy as np
 
 from rcmqp.errors import RcmqpError, RunFileError
 from rcmqp.files import check_writable
+from rcmqp.given import UNKNOWN, Given
 from rcmqp.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -50,12 +51,14 @@ class Head:
     urdf_sha256: str
     stops: Mapping[str, Sequence[int]]
     assumed: Sequence[str] = ()
+    given: Given = UNKNOWN
 
     def digest(self, arrays: Mapping[str, Rows], block: int) -> str:
         """SHA-256 over arrays, read ``block`` rows at a time, and head; versions do not count.
 
         Neither does ``path_time`` if it is ``time``, nor jerk limits that are all infinite: files
-        of earlier versions, which have neither, have the same digest.
+        of earlier versions, which have neither, have the same digest. So do files of versions that
+        did not say what the controller was given.
         """
         sha = hashlib.sha256()
         for name in sorted(arrays):
@@ -75,6 +78,8 @@ class Head:
             sha.update(json.dumps(self.stops).encode())
         if self.assumed:
             sha.update(json.dumps(tuple(self.assumed)).encode())
+        if self.given != UNKNOWN:
+            sha.update(self.given.to_json().encode())
         return sha.hexdigest()
 
     def write(self, file: h5py.File, digest: str) -> None:
@@ -88,6 +93,7 @@ class Head:
         file.attrs["versions"] = json.dumps(dict(self.versions))
         file.attrs["joints"] = json.dumps(tuple(self.joints))
         file.attrs["urdf_sha256"] = self.urdf_sha256
+        file.attrs["given"] = self.given.to_json()
         file.attrs["assumed"] = json.dumps(tuple(self.assumed))
         file.attrs["seed"] = self.scenario.seed
         file.attrs["digest"] = digest

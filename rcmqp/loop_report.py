@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rcmqp.latency import Latency
+from rcmqp.markdown import table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -101,8 +101,8 @@ class LoopReport:
         """Both tables."""
         return "\n\n".join(
             [
-                markdown(("real-time loop", ""), self.rows()),
-                markdown(("delay", "began", "answered"), self.histogram()),
+                table(("real-time loop", ""), self.rows()),
+                table(("delay", "began", "answered"), self.histogram()),
             ]
         )
 
@@ -110,16 +110,10 @@ class LoopReport:
         """For rich's print()."""
         from rich.table import Table
 
-        table = Table("real-time loop", "", show_edge=False)
+        shown = Table("real-time loop", "", show_edge=False)
         for row in self.rows():
-            table.add_row(*row)
-        return table
-
-
-def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown; all columns but the first are numbers."""
-    rule = ["---", *["---:"] * (len(heads) - 1)]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, rule, *rows))
+            shown.add_row(*row)
+        return shown
 
 
 def _latency(what: str, delays: Latency) -> list[tuple[str, str]]:

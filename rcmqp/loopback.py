@@ -15,7 +15,8 @@ from typing import Any
 from rcmqp.controllers import make_controller
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RcmqpError
-from rcmqp.loop_report import LoopReport, markdown
+from rcmqp.loop_report import LoopReport
+from rcmqp.markdown import table
 from rcmqp.paths import Circle
 from rcmqp.priority import real_time_priority
 from rcmqp.realtime import Stamped, run_realtime
@@ -177,9 +178,7 @@ class LoopbackReport:
 
     def as_markdown(self) -> str:
         """Every table."""
-        return "\n\n".join(
-            [self.loop.as_markdown(), markdown(("between the two", ""), self.rows())]
-        )
+        return "\n\n".join([self.loop.as_markdown(), table(("between the two", ""), self.rows())])
 
 
 def run_loopback(

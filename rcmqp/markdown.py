@@ -1,8 +1,10 @@
-"""Names and other text inside Markdown."""
+"""Tables, and names and other text, in Markdown."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 
 def literal(text: str) -> str:
@@ -11,3 +13,34 @@ def literal(text: str) -> str:
     An underscore after a letter begins nothing, and stays legible.
     """
     return re.sub(r"[\\`*\[\]<&|~#]|(?<![^\W_])_", r"\\\g<0>", " ".join(text.split()))
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
+    """A table whose first ``left`` columns, of names, are to the left, numbers to the right."""
+    rule = ["---"] * left + ["---:"] * (len(heads) - left)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
+
+
+@dataclass(frozen=True)
+class TitledTable:
+    """A table of words and numbers, as texts.
+
+    Attributes:
+        title: what it is about, and what all its rows share.
+        heads: of its columns.
+        rows: a text for each column.
+        left: how many columns, the first ones, are words.
+        main: whether it is for the terminal too, not only for files.
+    """
+
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    left: int
+    main: bool = True
+
+    @property
+    def markdown(self) -> str:
+        """The title as a paragraph, and the table."""
+        rows = [[literal(cell) for cell in row] for row in self.rows]
+        return f"{literal(self.title)}\n\n{table(self.heads, rows, self.left)}\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -60,6 +61,7 @@ class Metrics:
             governor slows the reference down; see Contour.
         errors_until_s: when the path ended, or the reference or the trocar last moved if that is
             later; the end of the run if that is earlier, and on steered paths.
+        duration_s: the time of the run's last instant.
         depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
         tilt_max_mrad: largest angle of the shaft from the trocar's axis.
         speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
@@ -119,6 +121,7 @@ class Metrics:
     solve_time_median_us: float
     solve_time_p99_us: float
     errors_until_s: float
+    duration_s: float
     reversals_in_a_row: float
     reversals: float
     step_ratio_max: float
@@ -152,6 +155,7 @@ def compute_metrics(run: Recording) -> Metrics:
     has_jerk_limit = np.isfinite(part.jerk_limit).any()
     values = {
         "errors_until_s": scenario.period * (count - 1),
+        "duration_s": scenario.period * (stop.rows - 1),
         **_errors(run, count, found, asked),
         "contour_rms_mm": 1e3 * asked["contour"].rms,
         "contour_max_mm": 1e3 * found["contour"].high,
@@ -195,17 +199,21 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
 
 
 def readable(value: float, style: str) -> str:
-    """A number for people: one too small for decimal places has three significant digits."""
+    """A number for people.
+
+    One too small for decimal places has three significant digits, and one above 1000 no power.
+    """
+    if 1000.0 <= abs(value) < math.inf:
+        return f"{value:.0f}"
     return format(value, ".3g" if 0.0 < abs(value) < SMALL else style)
 
 
-def against_limit(ratio: float, style: str = ".3g", *, assumed: bool = False) -> str:
-    """A ratio to a limit, for people: "no limit" where there is none and the ratio is NaN.
+def against_limit(ratio: float, style: str = ".3g") -> str:
+    """A ratio to a limit, or the distance from one, for people.
 
-    A limit that nobody has given is said to be assumed.
+    "no limit" if the arm has none: the ratio is NaN, the distance infinite.
     """
-    mark = " (assumed)" if assumed else ""
-    return "no limit" if np.isnan(ratio) else readable(ratio, style) + mark
+    return readable(ratio, style) if np.isfinite(ratio) else "no limit"
 
 
 def after_the_stop(value: float, style: str = ".3g") -> str:
@@ -216,6 +224,12 @@ def after_the_stop(value: float, style: str = ".3g") -> str:
     if np.isnan(value):
         return "no stop"
     return "never" if np.isinf(value) else format(value if value >= NOTHING else 0.0, style)
+
+
+def until(errors_until_s: float, duration_s: float) -> str:
+    """Until when the errors count [s], for people: of how long, if the run goes on after that."""
+    rest = "" if errors_until_s == duration_s else f" of {duration_s:g}"
+    return f"{errors_until_s:g}{rest}"
 
 
 def obstacle_distance(run: Run) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import textwrap
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rcmqp import dualquaternion as dq
 from rcmqp.dualquaternion import Array
 from rcmqp.files import whole
+from rcmqp.labels import run_labels, run_marks
 from rcmqp.loading import arm_title
 from rcmqp.palette import colour, dash
 from rcmqp.run import Run
@@ -36,17 +38,18 @@ def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure
 
     Args:
         runs: at least one.
-        labels: what tells the runs apart; controller and period without it.
+        labels: what tells the runs apart, see run_marks().
     """
-    figure = Figure(figsize=(4.8 * len(runs), 7.6), layout="constrained")
+    labels = labels or [", ".join(marks) for marks in run_marks(runs)[1]]
+    figure = Figure(figsize=(4.8 * len(runs), 8.4), layout="constrained")
+    figure.suptitle(_shared_text(runs), fontsize=9)
     for i, run in enumerate(runs):
         above, below = (
             figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
             for row in (0, 1)
         )
-        marks = _marks(run)
-        told = f"{marks['arm']}\n{_wrapped(labels[i])}" if labels else ", ".join(marks.values())
-        above.set_title(told, fontsize=10, y=0.98)
+        arm = _literal(arm_title(run.scenario.arm))
+        above.set_title(f"{arm}\n{_wrapped(labels[i])}", fontsize=10, y=0.98)
         _draw_arm(above, run, colour(i))
         _draw_trajectory(below, run, colour(i))
     return figure
@@ -57,17 +60,20 @@ def error_figure(
 ) -> Figure:
     """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3.
 
-    What all runs share of arm and period is the title; the legend says the rest.
+    What all runs share of arm, period and what they were given is the title; the legend says
+    the rest.
 
     Args:
         runs: at least one.
         logarithmic: whether the errors' axes are.
-        labels: what tells the runs apart; arm, controller and period without it.
+        labels: what tells the runs apart; arms and run_labels() without it.
     """
-    figure = Figure(figsize=(8.0, 5.4), layout="constrained")
+    names = [_wrapped(label) for label in labels or _labels(runs)]
+    columns = 4 if max(map(len, names)) < 18 else 2
+    lines = 1 + max(name.count("\n") for name in names)
+    legend = lines * math.ceil(len(names) / columns)
+    figure = Figure(figsize=(8.0, 5.2 + 0.2 * legend), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    title, names = _title_and_labels(runs)
-    names = [_wrapped(label) for label in labels] or names
     for plot, name in zip(axes, ("tip", "RCM"), strict=True):
         errors = [1e3 * getattr(run, f"{name.lower()}_error") for run in runs]
         if logarithmic:
@@ -83,12 +89,12 @@ def error_figure(
                 marker="" if run.time.size > 1 else ".",  # a line needs two
             )
         _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])
-    axes[0].set_title(title, fontsize=10)
+    axes[0].set_title(_shared_text(runs), fontsize=9)
     axes[1].set_xlabel("time [s]")
     figure.legend(
         *axes[0].get_legend_handles_labels(),
         loc="outside upper center",
-        ncols=4 if max(map(len, names)) < 18 else 2,
+        ncols=columns,
         frameon=False,
     )
     return figure
@@ -161,7 +167,7 @@ def _from_trocar(run: Run, points: Array) -> Array:
 
 def _wrapped(label: str) -> str:
     """In lines short enough for half a figure."""
-    return _literal(textwrap.fill(label, WIDE))
+    return _literal(textwrap.fill(label, WIDE, break_on_hyphens=False))
 
 
 def _literal(text: str) -> str:
@@ -169,23 +175,26 @@ def _literal(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def _marks(run: Run) -> dict[str, str]:
-    """What a run is told apart by."""
-    return {
-        "arm": _literal(arm_title(run.scenario.arm)),
-        "controller": _literal(run.controller),
-        "period": f"T = {1e3 * run.period:g} ms",
-    }
+def _one_arm(runs: Sequence[Run]) -> bool:
+    return len({run.scenario.arm for run in runs}) == 1
 
 
-def _title_and_labels(runs: Sequence[Run]) -> tuple[str, list[str]]:
-    """What all runs share of arm and period, and each run's controller with what they do not."""
-    marks = [_marks(run) for run in runs]
-    shared = [name for name in ("arm", "period") if len({mark[name] for mark in marks}) == 1]
-    labels = [
-        ", ".join(text for name, text in mark.items() if name not in shared) for mark in marks
+def _shared_text(runs: Sequence[Run]) -> str:
+    """What all runs share of their arm and of what they were given, in a line or two."""
+    arm = [arm_title(runs[0].scenario.arm)] if _one_arm(runs) else []
+    return _literal(
+        textwrap.fill(", ".join([*arm, *run_marks(runs)[0]]), 2 * WIDE, break_on_hyphens=False)
+    )
+
+
+def _labels(runs: Sequence[Run]) -> list[str]:
+    """What tells the runs apart, the arm in front if they have several."""
+    if _one_arm(runs):
+        return run_labels(runs)
+    return [
+        ", ".join([arm_title(run.scenario.arm), *marks])
+        for run, marks in zip(runs, run_marks(runs)[1], strict=True)
     ]
-    return ", ".join(marks[0][name] for name in shared), labels
 
 
 def _label_axes(axes: Axes, label: str, errors: Sequence[Array]) -> None:

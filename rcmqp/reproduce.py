@@ -1,23 +1,28 @@
 """The paper's experiment A, run again: both arms, figures, and a table beside the paper's.
 
-It ends with the paper's law beside hierarchical_qp, and a report of all runs.
+It ends with the paper's law beside hierarchical_qp, each with what it is given, and a report of
+all runs.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp import plots
+from rcmqp import compare, plots
 from rcmqp.controllers import make_controller
+from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import ToolMissing
 from rcmqp.files import check_writable, make_folder
+from rcmqp.labels import GIVEN, given_cells
 from rcmqp.loading import arm_title
-from rcmqp.metrics import Metrics, against_limit, compute_metrics
+from rcmqp.markdown import table
+from rcmqp.metrics import Metrics, against_limit, compute_metrics, until
 from rcmqp.report.build import INDEX, NUMBERS, TEXT, write_report
 from rcmqp.report.document import Picture, Screenshot, Section
 from rcmqp.run import Run
@@ -27,9 +32,22 @@ from rcmqp.viewer.browser import chromium_path
 
 ARMS = ("lwa3", "meka_a2")
 PERIODS = (8e-3, 1e-3)
+HELIX, FAST = "conical_helix", "fast_helix"
 LAW, RIVAL = "dual_quaternion", "hierarchical_qp"
-FIGURES = ("fig2_trajectories", "fig3_errors", "errors_beside_hierarchical_qp")
+BESIDE = (
+    (HELIX, f"{LAW}:feed_forward=true"),
+    (HELIX, RIVAL),
+    (FAST, f"{LAW}:velocity_limit=scale"),
+    (FAST, f"{LAW}:feed_forward=true,velocity_limit=scale"),
+    (FAST, RIVAL),
+)
+"""Scenarios and controllers that the law is compared with, at the last of PERIODS: with
+feed-forward; and where the arm is too slow, with speed limits."""
+
+FIGURES = ("fig2_trajectories", "fig3_errors", "errors_beside_hierarchical_qp", "errors_too_fast")
 PAPER_RCM_MAX_MM = 0.05
+
+_PAPER_GIVEN = {"feed_forward": "no", "limits_enforced": "none", "gain": "60"}
 
 _ROWS: tuple[tuple[str, str, str, str], ...] = (
     ("RCM error, max [mm]", "rcm_max_mm", f"< {PAPER_RCM_MAX_MM}", ".4f"),
@@ -38,24 +56,13 @@ _ROWS: tuple[tuple[str, str, str, str], ...] = (
     ("tip error, max [mm]", "tip_max_mm", '"negligible"', ".3f"),
     ("effector error, rms [mm]", "effector_rms_mm", "not given", ".3f"),
     ("orientation error, rms [mrad]", "orientation_rms_mrad", "not given", ".3f"),
+    ("orientation error, max [mrad]", "orientation_max_mrad", "not given", ".3f"),
     ("tip speed asked for, rms [mm/s]", "tip_speed_rms_mm_s", "not given", ".1f"),
     ("joint speed over its limit, max", "speed_ratio_max", "not given", ".2f"),
+    ("joint acceleration over its limit, max", "acceleration_ratio_max", "not given", ".2f"),
+    ("joint jerk over its limit, max", "jerk_ratio_max", "not given", ".2f"),
     ("margin to joint limits, least [rad]", "limit_margin_min_rad", "not given", ".2f"),
     ("singular value, least", "singular_value_min", "not given", ".3f"),
-)
-
-
-_VERSUS_ROWS: tuple[tuple[str, str, str], ...] = (
-    ("RCM error, max [mm]", "rcm_max_mm", ".4f"),
-    ("RCM error, rms [mm]", "rcm_rms_mm", ".4f"),
-    ("tip error, rms [mm]", "tip_rms_mm", ".4f"),
-    ("tip error, max [mm]", "tip_max_mm", ".4f"),
-    ("orientation error, rms [mrad]", "orientation_rms_mrad", ".3f"),
-    ("joint speed over its limit, max", "speed_ratio_max", ".2f"),
-    ("joint acceleration over its limit, max", "acceleration_ratio_max", ".2f"),
-    ("joint jerk over its limit, max", "jerk_ratio_max", ".2f"),
-    ("margin to joint limits, least [rad]", "limit_margin_min_rad", ".2f"),
-    ("singular value, least", "singular_value_min", ".3f"),
 )
 
 
@@ -67,8 +74,8 @@ class ExperimentA:
         runs: of the paper's law, one for each sampling period and arm.
         metrics: of each of them.
         table: Markdown, the paper's figures in the first column.
-        rivals: runs of hierarchical_qp, one for each arm, at 1 ms.
-        versus: Markdown, the law beside hierarchical_qp.
+        rivals: runs of BESIDE, one for each and each arm.
+        beside: rows of the law at the last of PERIODS and of the rivals.
         files: all that were written.
     """
 
@@ -76,7 +83,7 @@ class ExperimentA:
     metrics: list[Metrics]
     table: str
     rivals: list[Run]
-    versus: str
+    beside: list[compare.Row]
     files: list[Path]
 
 
@@ -90,9 +97,10 @@ def reproduce_a(
     """Run experiment A with the paper's controller and write runs, a table and a report.
 
     The helix runs at T = 8 ms, the period that the paper's Table I implies, and at 1 ms, with
-    the paper's K = 60 1/s, K_c = 7 and c_d = 1, and no extension. It ends with the same helix
-    under hierarchical_qp, with the same numbers, at 1 ms. The report holds tables, figures, a
-    viewer for each arm, and how to make it again.
+    the paper's K = 60 1/s, K_c = 7 and c_d = 1, and no extension. It ends with the law beside
+    hierarchical_qp, with the same numbers, at 1 ms, see BESIDE: on the same helix, where
+    feed-forward decides, and on one that is too fast, where limits do. The report holds tables,
+    figures, viewers, and how to make it again.
 
     Args:
         out: folder, made if it is not there.
@@ -104,8 +112,8 @@ def reproduce_a(
         RunFileError: the folder or a file in it cannot be written.
     """
     folder = make_folder(out)
-    law = [(LAW, arm, period) for period in PERIODS for arm in arms]
-    rival = [(RIVAL, arm, PERIODS[-1]) for arm in arms]
+    law = [(HELIX, LAW, arm, period) for period in PERIODS for arm in arms]
+    rival = [(scenario, setting, arm, PERIODS[-1]) for scenario, setting in BESIDE for arm in arms]
     files = [folder / _run_name(*case) for case in law + rival]
     files += [folder / f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
     files += [folder / f"{_shot_name(arm)}.png" for arm in arms]
@@ -118,12 +126,12 @@ def reproduce_a(
         found[-1].save(file)
     runs, rivals = found[: len(law)], found[len(law) :]
     metrics = [compute_metrics(run) for run in runs]
-    table = comparison_table(runs, metrics)
-    pairs = [run for pair in zip(runs[-len(arms) :], rivals, strict=True) for run in pair]
-    versus = versus_table(pairs)
+    text = comparison_table(runs, metrics)
+    pairs = [*runs[-len(arms) :], *rivals]
+    beside = [compare.row_of(run) for run in pairs]
     length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
     (folder / "experiment_a.md").write_text(
-        f"# Experiment A\n\n{length}{table}\n## Beside hierarchical_qp\n\n{versus}",
+        f"# Experiment A\n\n{length}{text}\n## Beside {RIVAL}\n\n{compare.as_markdown(beside)}",
         encoding="utf-8",
     )
     again = ["rcmqp", "reproduce", "--out", str(out)]
@@ -134,82 +142,69 @@ def reproduce_a(
         folder,
         files=names,
         title="Experiment A",
-        opening=_sections(length + table, runs[: len(arms)], versus, pairs),
+        opening=_sections(length + text, runs[: len(arms)], beside, pairs),
         command=shlex.join(again),
     )
     files = [folder / name for name in (*names, "experiment_a.md")] + written
-    return ExperimentA(runs, metrics, length + table, rivals, versus, files)
+    return ExperimentA(runs, metrics, length + text, rivals, beside, files)
 
 
 def helix(
-    controller: str,
+    scenario: str,
+    setting: str,
     arm: str,
     period: float,
     duration: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Run:
-    """Experiment A's helix, or the first ``duration`` [s] of it, under a controller as it comes.
+    """A helix, or the first ``duration`` [s] of it, under a controller.
 
     Args:
-        controller: a key of CONTROLLERS.
+        scenario: HELIX, experiment A's, or FAST.
+        setting: the controller, see controller_of().
         arm: a name that load_arm() knows.
         period: sampling period T [s].
         duration: how long to simulate [s].
         progress: see reproduce_a().
     """
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    scenario = load_scenario("conical_helix", arm, period=period, **changes)
-    title = f"{arm_title(arm)}, {controller}, T = {1e3 * period:g} ms"
+    made = load_scenario(scenario, arm, period=period, **changes)
+    title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
+    name, options = controller_of(setting)
 
     def report(done: int) -> None:
         if progress is not None:
-            progress(title, done, scenario.cycles)
+            progress(title, done, made.cycles)
 
-    return simulate(scenario, make_controller(controller, scenario.insertion(), period), report)
+    return simulate(made, make_controller(name, made.insertion(), period, **options), report)
 
 
 def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
-    """Markdown table: what is measured, what the paper gives, and each run."""
+    """Markdown table: what is given and measured, what the paper has, and each run."""
     heads = [f"{arm_title(run.scenario.arm)}, {1e3 * run.period:g} ms" for run in runs]
-    lines = [
-        f"| {' | '.join(['', 'the paper', *heads])} |",
-        f"| {' | '.join(['---', *['---:'] * (len(runs) + 1)])} |",
+    given = [given_cells(run.head) for run in runs]
+    rows = [
+        [title, _PAPER_GIVEN.get(name, "not given"), *(cells[name] for cells in given)]
+        for name, title in GIVEN.items()
     ]
+    ends = [until(found.errors_until_s, found.duration_s) for found in metrics]
+    rows.append(["rms until [s]", "not given", *ends])
     for label, name, paper, style in _ROWS:
-        cells = [format(getattr(found, name), style) for found in metrics]
-        lines.append(f"| {' | '.join([label, paper, *cells])} |")
+        cells = [against_limit(getattr(found, name), style) for found in metrics]
+        rows.append([label, paper, *cells])
         if name == "tip_max_mm":
             lag = [
                 f"{found.tip_speed_rms_mm_s / run.options['gain']:.3f}"
                 for run, found in zip(runs, metrics, strict=True)
             ]
-            lines.append(f"| {' | '.join(['speed / K, rms [mm]', 'not given', *lag])} |")
-    return "\n".join(lines) + "\n"
+            rows.append(["speed / K, rms [mm]", "not given", *lag])
+    return table(["", "the paper", *heads], rows) + "\n"
 
 
-def versus_table(runs: Sequence[Run]) -> str:
-    """Markdown table: each run of one controller beside that of another on the same arm."""
-    heads = [
-        f"{arm_title(run.scenario.arm)}, {1e3 * run.period:g} ms, {run.controller}" for run in runs
-    ]
-    lines = [
-        f"| {' | '.join(['', *heads])} |",
-        f"| {' | '.join(['---', *['---:'] * len(runs)])} |",
-    ]
-    metrics = [compute_metrics(run) for run in runs]
-    for label, name, style in _VERSUS_ROWS:
-        limit = name.removesuffix("_ratio_max")
-        cells = [
-            against_limit(getattr(found, name), style, assumed=limit in run.assumed)
-            for run, found in zip(runs, metrics, strict=True)
-        ]
-        lines.append(f"| {' | '.join([label, *cells])} |")
-    return "\n".join(lines) + "\n"
-
-
-def _run_name(controller: str, arm: str, period: float) -> str:
-    suffix = "" if controller == LAW else f"_{controller}"
-    return f"{arm}_{1e3 * period:g}ms{suffix}.h5"
+def _run_name(scenario: str, setting: str, arm: str, period: float) -> str:
+    before = "" if scenario == HELIX else f"{scenario}_"
+    suffix = "" if setting == LAW else "_" + re.sub(r"\W", "_", setting)
+    return f"{before}{arm}_{1e3 * period:g}ms{suffix}.h5"
 
 
 def _shot_name(arm: str) -> str:
@@ -235,15 +230,15 @@ def _screenshots(runs: Sequence[Run]) -> tuple[list[Screenshot], str]:
 
 
 def _sections(
-    table: str, runs: Sequence[Run], versus: str, pairs: Sequence[Run]
+    text: str, runs: Sequence[Run], beside: Sequence[compare.Row], pairs: Sequence[Run]
 ) -> tuple[Section, Section]:
     """What the report opens with: beside the paper, and beside hierarchical_qp."""
-    trajectories, errors, both = FIGURES
+    trajectories, errors, *figures = FIGURES
     shots, missing = _screenshots(runs)
     return (
         Section(
             "Beside the paper",
-            table + missing,
+            text + missing,
             pictures=(
                 *shots,
                 Picture(
@@ -260,13 +255,16 @@ def _sections(
         ),
         Section(
             f"Beside {RIVAL}",
-            versus,
-            pictures=(
+            compare.as_markdown(beside),
+            pictures=[
                 Picture(
-                    both,
-                    "Errors of both controllers over time, on a logarithmic scale",
-                    plots.error_figure(pairs, logarithmic=True),
-                ),
-            ),
+                    figure,
+                    f"Errors over time on a logarithmic scale, {scenario}",
+                    plots.error_figure(
+                        [run for run in pairs if run.scenario.name == scenario], logarithmic=True
+                    ),
+                )
+                for figure, scenario in zip(figures, (HELIX, FAST), strict=True)
+            ],
         ),
     )

@@ -14,6 +14,7 @@ import numpy as np
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import ArmError, OptionError
 from rcmqp.files import whole
+from rcmqp.given import UNKNOWN, Given
 from rcmqp.head import CHECKED, Head, Rows, about, check_digest, check_replaceable, opened
 from rcmqp.insertion import Insertion
 from rcmqp.scenario import Scenario
@@ -89,6 +90,8 @@ class Run:
     """Why the controller stopped safely, and the rows of the cycles in which it did."""
     assumed: tuple[str, ...] = ()
     """Which limits, of "acceleration" and "jerk", were assumed; see Arm.assumed."""
+    given: Given = UNKNOWN
+    """What the controller was given; a file of an earlier version does not say."""
 
     def __post_init__(self) -> None:
         """Protect the arrays; without a time of its own, the path is in time."""
@@ -172,6 +175,7 @@ class Run:
             self.urdf_sha256,
             self.stops,
             self.assumed,
+            self.given,
         )
 
     def __eq__(self, other: object) -> bool:
@@ -273,6 +277,7 @@ class Run:
             joints=tuple(json.loads(file.attrs["joints"])),
             urdf_sha256=file.attrs["urdf_sha256"],
             stops=json.loads(file["stops"][()]) if "stops" in file else {},
+            given=Given.from_json(file.attrs.get("given", UNKNOWN.to_json())),
             assumed=tuple(json.loads(file.attrs.get("assumed", "[]"))),
             diagnostics={name: data[rows] for name, data in file["diagnostics"].items()},
             about_diagnostics={

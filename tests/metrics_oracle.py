@@ -47,7 +47,63 @@ def metrics_of(file: Path) -> dict[str, float]:
     with h5py.File(file) as data:
         run = {name: np.array(data[name]) for name in data if isinstance(data[name], h5py.Dataset)}
         scenario = json.loads(data.attrs["scenario"])
-    return {**errors(run, scenario), **limits(run, scenario), **over_time(run, scenario)}
+    return {
+        **errors(run, scenario),
+        **contour(run, scenario),
+        **limits(run, scenario),
+        **over_time(run, scenario),
+        "obstacle_distance_min_mm": 1e3 * obstacle_distance(run, scenario),
+        "singular_value_min": run["singular_value"].min(),
+        "solve_time_median_us": 1e6 * percentile(run["solve_time"], 0.5),
+        "solve_time_p99_us": 1e6 * percentile(run["solve_time"], 0.99),
+    }
+
+
+def percentile(values: Any, share: float) -> float:
+    ordered = sorted(values)
+    place_of_it = share * (len(ordered) - 1)
+    low = math.floor(place_of_it)
+    high = min(low + 1, len(ordered) - 1)
+    return float(ordered[low] + (place_of_it - low) * (ordered[high] - ordered[low]))
+
+
+def last_asked(run: dict[str, Any], scenario: dict[str, Any]) -> int:
+    """The last row in which the path, the reference or the trocar still moves."""
+    ends = round(path_duration(scenario["path"]) / scenario["period"])
+    return int(min(len(run["time"]) - 1, max(ends, *stops(run))))
+
+
+def contour(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
+    """Distance of the tip from every piece of its path, and how late it is there."""
+    curve, tips = run["tip_d"] - run["pivot"], run["tip"] - run["pivot"]
+    start, along = curve[:-1], np.diff(curve, axis=0)
+    square = np.sum(along**2, axis=1)
+    distances, lags, reached = [], [], 0
+    for k, tip in enumerate(tips):
+        share = np.sum((tip - start) * along, axis=1) / np.where(square > 0.0, square, 1.0)
+        nearest = start + np.clip(share, 0.0, 1.0)[:, None] * along
+        distances.append(1e3 * np.linalg.norm(nearest - tip, axis=1).min())
+        gone = np.linalg.norm(curve[reached : k + 1] - tip, axis=1)
+        reached += int(np.flatnonzero(gone < gone.min() + 1e-12)[-1])
+        lags.append(run["time"][k] - run["path_time"][reached])
+    asked = distances[: last_asked(run, scenario) + 1]
+    return {
+        "contour_rms_mm": math.sqrt(sum(value**2 for value in asked) / len(asked)),
+        "contour_max_mm": max(distances),
+        "lag_max_s": max(lags),
+    }
+
+
+def obstacle_distance(run: dict[str, Any], scenario: dict[str, Any]) -> float:
+    """From the shaft's surface to the nearest ball's [m], of which the shaft is a capsule."""
+    tool, least = scenario["instrument"], math.inf
+    for ball in scenario.get("obstacles", []):
+        for x, tip in zip(run["x"], run["tip"], strict=True):
+            mount = tip - tool["length"] * shaft(x)
+            way = np.clip((np.array(ball["centre"]) - mount) @ shaft(x), 0.0, tool["length"])
+            gap = np.linalg.norm(mount + way * shaft(x) - np.array(ball["centre"]))
+            least = min(least, gap - ball["radius"] - tool["radius"])
+    return least
 
 
 def stops(run: dict[str, Any]) -> tuple[int, int]:
@@ -67,9 +123,8 @@ def stops(run: dict[str, Any]) -> tuple[int, int]:
 
 def errors(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
     """rms and 95th percentile while the path lasts, and the largest of all."""
-    T, n = scenario["period"], len(run["time"])
-    ends = path_duration(scenario["path"])
-    last = min(n - 1, max(round(ends / T), *stops(run)))
+    T = scenario["period"]
+    last = last_asked(run, scenario)
     rows = list(zip(run["x"], run["x_d"], run["pivot"], run["tip"], run["tip_d"], strict=True))
     channels: dict[str, list[Any]] = {
         "tip_{}_mm": [1e3 * np.linalg.norm(tip - tip_d) for _, _, _, tip, tip_d in rows],
@@ -80,15 +135,12 @@ def errors(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
         ],
         "orientation_{}_mrad": [1e3 * turn(x, y) for x, y, _, _, _ in rows],
     }
-    found = {"errors_until_s": run["time"][last]}
+    found = {"errors_until_s": run["time"][last], "duration_s": run["time"][-1]}
     for name, values in channels.items():
-        asked = np.sort(values[: last + 1])
-        place_of_95 = 0.95 * last
-        low = math.floor(place_of_95)
-        high = min(low + 1, last)
+        asked = values[: last + 1]
         found[name.format("rms")] = math.sqrt(sum(value**2 for value in asked) / (last + 1))
         found[name.format("max")] = max(values)
-        found[name.format("p95")] = asked[low] + (place_of_95 - low) * (asked[high] - asked[low])
+        found[name.format("p95")] = percentile(asked, 0.95)
     tips = run["tip_d"]
     speeds = [1e3 * np.linalg.norm(tips[k + 1] - tips[k]) / T for k in range(last)]
     found["tip_speed_rms_mm_s"] = math.sqrt(sum(speed**2 for speed in speeds) / last)
@@ -108,10 +160,17 @@ def limits(run: dict[str, Any], scenario: dict[str, Any]) -> dict[str, float]:
     change = np.abs(v - before)
     has = np.isfinite(run["acceleration_limit"]).any()
     acceleration = (change / T / run["acceleration_limit"]).max() if has else math.nan
+    speed = (np.abs(v) / run["velocity_limit"]).max(axis=1)
+    loaded = np.maximum(speed, (change / T / run["acceleration_limit"]).max(axis=1))
+    earlier = np.vstack([0.0 * v[:1], before[:-1]])
+    jerk = np.abs((v - before) - (before - earlier)) / T**2
+    has_jerk = np.isfinite(run["jerk_limit"]).any()
     margins = np.minimum(run["angles"] - run["lower"], run["upper"] - run["angles"])
     return {
-        "speed_ratio_max": (np.abs(v) / run["velocity_limit"]).max(),
+        "speed_ratio_max": speed.max(),
         "acceleration_ratio_max": acceleration,
+        "jerk_ratio_max": (jerk / run["jerk_limit"]).max() if has_jerk else math.nan,
+        "saturated_share": sum(value >= 1.0 - 1e-6 for value in loaded) / len(v),
         "limit_margin_min_rad": margins.min(),
         "step_ratio_max": (change / run["velocity_limit"]).max(),
     }

@@ -86,7 +86,7 @@ def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> Non
     lines = [line.strip("| ").split(" | ") for line in done.stdout.splitlines() if "|" in line]
     rows = [row for row in lines if row[0] in ("dual_quaternion", "hierarchical_qp")]
     given, hard, drawn = rows[:2], rows[2:4], rows[4:]
-    assert [row[1] for row in given] == ["no", "always"]
+    assert [row[1] for row in given] == ["no", "yes"]
     assert [row[:3] for row in hard] == [
         [name, "meka_a2", "(0.0, 0.7, 0.0, 0.0)"]
         for name in ("dual_quaternion", "hierarchical_qp")

@@ -191,7 +191,7 @@ def test_what_is_written_is_named_as_it_is(
     """Brackets and colons are no markup, wherever they are in a name."""
     folder = tmp_path / "a[b]" / "c[/b] :x:"
     folder.mkdir(parents=True)
-    made = SimpleNamespace(table="", versus="", files=[folder])
+    made = SimpleNamespace(table="", beside=[], files=[folder])
     monkeypatch.setattr("rcmqp.reproduce.reproduce_a", lambda *_, **__: made)
     monkeypatch.setattr("rcmqp.viewer.build.page", lambda *_, **__: "a page")
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, part, **__: part.touch())
@@ -206,7 +206,9 @@ def test_what_is_written_is_named_as_it_is(
         (("reproduce", "--out", str(folder)), 1),
     ):
         code, out, _ = call(*arguments)
-        written = re.findall(r"^wrote (.*?)(?: \(\d+\.\d MB\))?$", out, re.MULTILINE)
+        written = re.findall(
+            r"^wrote (.*?)(?: \(\d+\.\d MB\)|: all columns.*)?$", out, re.MULTILINE
+        )
         assert (code, len(written)) == (0, count)
         assert all(Path(name).exists() for name in written)
 
@@ -297,13 +299,20 @@ def test_what_is_assumed_of_an_arm_is_said(call: Call) -> None:
 
 def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call) -> None:
     short = (*SHORT, "--arm", "ur5")
-    lines = call(*short)[1]
-    assert lines.count("at most (limit assumed)") == 2
+    words = "feed-forward: no, joint limits enforced: none, T = 10 ms, K = 60 1/s, limits assumed"
+    assert f"{words}: acceleration and jerk\n" in call(*short)[1]
     given = ("--acceleration", "8", "--jerk", "inf,9,9,9,9,9")
     _, out, _ = call(*short, *given)
-    assert "(limit assumed)" not in out
+    assert f"{words}: none\n" in out
     found = read_json(call(*short, *given, "--json")[1])
     assert found["assumed"] == []
+    assert found["given"] == {
+        "feed_forward": "no",
+        "limits_enforced": "none",
+        "period_ms": "10",
+        "gain": "60",
+        "assumed": "none",
+    }
     ratio = read_json(call(*short, "--json")[1])["metrics"]["acceleration_ratio_max"]
     own = load_arm("ur5").acceleration
     assert 0.75 < found["metrics"]["acceleration_ratio_max"] / (ratio * own[0] / 8.0) < 1.05

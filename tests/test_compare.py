@@ -7,17 +7,20 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
+from rcmqp import Run, console, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
-from rcmqp.compare import TIMES, Case, Row, as_markdown, cases, compare, row_of
-from rcmqp.controllers import controller_options
+from rcmqp.compare import TIMES, Case, Row, as_markdown, cases, compare, row_of, tables
+from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, RunFileError
+from rcmqp.given import UNKNOWN
 from rcmqp.smoothness import log_dimensionless_jerk, sparc
 
 CASES = cases(
@@ -119,7 +122,7 @@ def test_no_run_takes_the_file_of_another(jobs: int, tmp_path: Path) -> None:
         *(dataclasses.replace(made, arm=str(urdf), flange="tool0") for urdf in urdfs),
         made,
         dataclasses.replace(made, changes={"duration": 0.02, "period": 0.002}),
-        dataclasses.replace(made, options={"gain": 30.0}),
+        dataclasses.replace(made, controller="dual-quaternion:gain=30"),
         dataclasses.replace(made, arm="lwa5"),
         made,
     ]
@@ -140,7 +143,7 @@ def test_no_run_takes_the_file_of_another(jobs: int, tmp_path: Path) -> None:
             assert run.digest == row.digest
             assert run.scenario.arm == (case.arm or "lwa3")
             assert run.period == case.changes.get("period", 0.001)
-            assert run.options["gain"] == case.options.get("gain", 60.0)
+            assert run.options["gain"] == (30.0 if "gain" in case.controller else 60.0)
 
 
 def test_runs_of_the_same_scenario_and_arm_share_a_figure(
@@ -198,7 +201,7 @@ def test_the_rows_are_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
         assert numbers(on_dask) == numbers(compare(CASES[:2], tmp_path / "here"))
 
 
-def test_limits_are_kept_only_where_speed_acceleration_and_position_are() -> None:
+def test_limits_are_kept_only_where_speed_acceleration_jerk_and_position_are() -> None:
     short = load_scenario("conical_helix", "lwa3", duration=0.05)
     run = simulate(short, make_controller("hierarchical_qp", short.insertion(), short.period))
     found = row_of(run)
@@ -206,6 +209,7 @@ def test_limits_are_kept_only_where_speed_acceleration_and_position_are() -> Non
     for name, ratio in (
         ("velocity_limit", found.speed_ratio_max),
         ("acceleration_limit", found.acceleration_ratio_max),
+        ("jerk_limit", found.jerk_ratio_max),
     ):
         tight = 0.99 * ratio * getattr(run, name)
         assert not row_of(dataclasses.replace(run, **{name: tight})).limits_kept, name
@@ -222,24 +226,136 @@ def test_an_arm_without_acceleration_limits_says_so_and_can_keep_its_limits() ->
     assert "no limit" not in as_markdown([Row("a", "b", "c", failure="no arm")])
 
 
+def made(setting: str, scenario: str = "conical_helix", arm: str = "ur5", **changes: Any) -> Row:
+    """The row of a short run."""
+    short = load_scenario(scenario, arm, **({"duration": 0.02} | changes))
+    name, options = controller_of(setting)
+    controller = make_controller(name, short.insertion(), short.period, **options)
+    return dataclasses.replace(row_of(simulate(short, controller)), setting=setting)
+
+
 @pytest.mark.parametrize(
-    ("limits", "marks"),
+    ("limits", "assumed"),
     [
-        ({}, ("acceleration", "jerk")),
-        ({"acceleration": 5.0}, ("jerk",)),
-        ({"acceleration": 5.0, "jerk": 90.0}, ()),
+        ({}, "acceleration and jerk"),
+        ({"acceleration": 5.0}, "jerk"),
+        ({"acceleration": 5.0, "jerk": 90.0}, "none"),
     ],
 )
-def test_a_ratio_to_an_assumed_limit_is_marked(
-    limits: dict[str, float], marks: tuple[str, ...]
+def test_tables_say_which_limits_are_assumed(limits: dict[str, Any], assumed: str) -> None:
+    row = made("dual_quaternion", **limits)
+    assert row.assumed == assumed
+    assert all(f"limits assumed: {assumed}" in table.title for table in tables([row]))
+
+
+SETTINGS = {
+    "dual_quaternion": ("no", "none"),
+    "dual_quaternion:feed_forward=true": ("yes", "none"),
+    "dual_quaternion:velocity_limit=scale": ("no", "speed by scaling"),
+    "dual_quaternion:feed_forward=true,velocity_limit=clip": ("yes", "speed by clipping"),
+    "hierarchical_qp": ("yes", "all"),
+    "weighted_qp": ("yes", "all"),
+    "pose_error": ("no", "none"),
+    "vfi_qp": ("no", "position"),
+    "vfi_qp:velocity_limits=true": ("no", "position and speed"),
+    "task_priority:gain=30,rcm_gain=20": ("no", "none"),
+}
+
+
+def test_each_table_says_what_each_controller_was_given() -> None:
+    for table in tables([made(setting) for setting in SETTINGS]):
+        heads = table.heads
+        assert heads[:3] == ["controller", "feed-forward", "joint limits enforced"]
+        assert [tuple(row[1:3]) for row in table.rows] == list(SETTINGS.values())
+        gains = [row[heads.index("K [1/s]")] for row in table.rows]
+        assert gains == ["60"] * (len(SETTINGS) - 1) + ["30"]
+        assert table.rows[-1][0] == "task_priority, rcm_gain=20"
+        assert "conical_helix, on ur5, T = 1 ms, limits assumed: acceleration and jerk" in (
+            table.title
+        )
+
+
+def test_a_law_that_says_nothing_was_given_nothing_that_is_known() -> None:
+    short = load_scenario("conical_helix", "ur5", duration=0.02)
+    run = simulate(short, make_controller("damped", short.insertion(), short.period))
+    (table, *_) = tables([row_of(dataclasses.replace(run, given=UNKNOWN))])
+    assert "feed-forward: not said, joint limits enforced: not said" in table.title
+
+
+def test_one_controller_on_several_arms_is_one_table_and_several_have_one_for_each_arm() -> None:
+    one = [made("damped", arm=arm) for arm in ("ur5", "panda")]
+    assert [list(table.heads[:2]) for table in tables(one)] == [["arm", "limits assumed"]] * 3
+    several = tables([*one, *(made("pose_error", arm=arm) for arm in ("ur5", "panda"))])
+    assert [table.title.split(", ")[1] for table in several] == ["on ur5"] * 3 + ["on panda"] * 3
+    assert [len(table.rows) for table in several] == [2] * 6
+    given = ["controller", "feed-forward", "joint limits enforced"]  # the same for both
+    assert [list(table.heads[:3]) for table in several] == [given] * 6
+
+
+def test_no_word_is_cut_in_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    several = [made(setting, arm="meka_a2") for setting in SETTINGS]
+    console.print_tables(tables(several))
+    console.print_tables(tables([made("damped", arm=arm) for arm in ("meka_a2", "panda")]))
+    text = capsys.readouterr().out
+    assert "\u2026" not in text
+    widths = [len(line) for line in text.splitlines() if ":" not in line]  # titles have one
+    assert max(widths) <= 120
+
+
+def test_a_run_that_goes_on_after_its_path_says_until_when_its_errors_count() -> None:
+    rows = [
+        made("dual_quaternion", duration=duration, period=0.008, arm="lwa3")
+        for duration in (20.0, 100.0)
+    ]
+    (first, *_) = tables(rows)
+    until, tip = (list(first.heads).index(name) for name in ("rms until [s]", "tip rms [mm]"))
+    assert [(row[until], row[tip]) for row in first.rows] == [
+        ("20", "0.335"),
+        ("20 of 100", "0.335"),
+    ]
+
+
+def test_without_a_controller_each_is_run_with_and_without_what_it_can_be_given() -> None:
+    settings = every_setting()
+    assert {controller_of(setting)[0] for setting in settings} == CONTROLLERS.keys()
+    assert [setting for setting in settings if setting.startswith("dual")] == [
+        "dual_quaternion",
+        "dual_quaternion:feed_forward=true",
+        "dual_quaternion:velocity_limit=scale",
+        "dual_quaternion:feed_forward=true,velocity_limit=scale",
+    ]
+    assert "pose_error:feed_forward=true" in settings
+    assert "vfi_qp:velocity_limits=true" in settings
+    assert settings.count("hierarchical_qp") == 1
+    fixed = every_setting(["feed_forward=true"])
+    assert with_options([s for s in fixed if s.startswith("dual")], ["feed_forward=true"]) == [
+        "dual_quaternion:feed_forward=true",
+        "dual_quaternion:velocity_limit=scale,feed_forward=true",
+    ]
+
+
+def test_the_table_of_a_moving_trocar_says_why_two_laws_differ(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    short = load_scenario("conical_helix", "ur5", duration=0.05, **limits)  # type: ignore[arg-type]
-    row = row_of(simulate(short, make_controller("dual_quaternion", short.insertion(), 1e-3)))
-    assert row.assumed == " ".join(marks)
-    heads, _, cells = (line.split(" | ") for line in as_markdown([row]).splitlines()[:3])
-    for limit, head in (("acceleration", "acc. / limit"), ("jerk", "jerk / limit")):
-        text = f"{getattr(row, f'{limit}_ratio_max'):.4g}"
-        assert cells[heads.index(head)] == text + (" (assumed)" if limit in marks else "")
+    """In the terminal, read by itself: the same law, and what decides is in the same line."""
+    monkeypatch.setattr("rcmqp.compare._draw", lambda folder, stem, files: None)
+    laws = ["-c", "damped", "-c", "damped:feed_forward=true", "-c", "hierarchical_qp"]
+    with pytest.raises(SystemExit):
+        main(["compare", "-s", "moving_trocar", "--period", "0.008", *laws, "-o", str(tmp_path)])
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 120
+    assert "\u2026" not in text  # nothing is cut
+    lines = [
+        line.split() for line in text.splitlines() if line.strip().startswith(("damped", "hier"))
+    ]
+    assert [line[:3] for line in lines[:3]] == [
+        ["damped", "no", "none"],
+        ["damped", "yes", "none"],
+        ["hierarchical_qp", "yes", "all"],
+    ]
+    without, with_it, qp = (float(line[5]) for line in lines[:3])  # RCM max [mm]
+    assert without > 0.5
+    assert max(with_it, qp) < 0.02
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -250,7 +366,7 @@ def test_limits_on_the_command_line_are_every_runs(
     limits = ["--acceleration", "5", "--jerk", "inf"]
     with pytest.raises(SystemExit):
         main(["compare", "-s", "circle", "-a", "ur5", "-a", "panda", *short, *limits, "--json"])
-    assert [row["assumed"] for row in json.loads(capsys.readouterr().out)] == ["", ""]
+    assert [row["assumed"] for row in json.loads(capsys.readouterr().out)] == ["none"] * 2
     for run in map(Run.load, sorted(tmp_path.glob("*.h5"))):
         assert set(run.acceleration_limit) == {5.0}
         assert np.isposinf(run.jerk_limit).all()

@@ -11,7 +11,7 @@ from helpers import assert_allclose
 
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.dualquaternion import from_rotation
-from rcmqp.metrics import AFTER_THE_STOP, against_limit
+from rcmqp.metrics import AFTER_THE_STOP, against_limit, until
 from rcmqp.scene import Sphere
 
 
@@ -89,6 +89,7 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         solve_time_median_us=3.0,
         solve_time_p99_us=101.0 - 0.03 * 97.0,
         errors_until_s=1.5,  # the helix would go on
+        duration_s=1.5,
         reversals_in_a_row=2.0,  # joint one, 0.1 to -0.4 to 0.1
         reversals=2.0,  # joint two turns round in the second of them
         step_ratio_max=1.0,  # joint one by -0.5 of 0.5, joint two by -4 of 4
@@ -207,7 +208,12 @@ def test_metrics_do_not_depend_on_the_parts(
     assert found.jerk_ratio_max == whole.jerk_ratio_max
 
 
-def test_a_ratio_to_a_limit_says_whether_there_is_one_and_who_gave_it() -> None:
+def test_a_ratio_to_a_limit_and_a_distance_from_one_say_whether_there_is_one() -> None:
     assert against_limit(0.5, ".2f") == "0.50"
-    assert against_limit(0.5, ".2f", assumed=True) == "0.50 (assumed)"
-    assert against_limit(math.nan) == against_limit(math.nan, assumed=True) == "no limit"
+    assert against_limit(50045.2) == "50045"
+    assert against_limit(math.nan) == against_limit(math.inf, ".2f") == "no limit"
+
+
+def test_errors_that_count_for_a_part_of_a_run_say_so() -> None:
+    assert until(20.0, 20.0) == "20"
+    assert until(20.0, 100.0) == "20 of 100"

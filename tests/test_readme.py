@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.metrics import compute_metrics
-from rcmqp.reproduce import ARMS, LAW, PERIODS, comparison_table, helix
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 SHOWN = re.findall(r"```python\n(.*?)```\n\n(?:```text\n(.*?)```)?", README, flags=re.DOTALL)
@@ -32,11 +30,6 @@ def test_each_program_runs_and_prints_what_stands_below_it(
             CONTROLLERS.clear()
             CONTROLLERS.update(known)
         assert out.getvalue() == printed or (out.getvalue() and not printed)
-
-
-def test_the_results_are_those_that_reproduce_prints() -> None:
-    runs = [helix(LAW, arm, period) for period in PERIODS for arm in ARMS]
-    assert comparison_table(runs, list(map(compute_metrics, runs))) in README
 
 
 def test_every_file_and_test_that_it_names_is_there() -> None:

@@ -68,7 +68,7 @@ def test_tables_are_there_as_page_markdown_and_csv(folder: Path, runs: list[Run]
     assert len({row["controller"] for row in rows[:3]}) == 3
     for row, run in zip(rows, runs, strict=True):
         assert float(row["tip_rms_mm"]) == compute_metrics(run).tip_rms_mm
-        shown = f"{compute_metrics(run).tip_rms_mm:.4g}"
+        shown = f"{compute_metrics(run).tip_rms_mm:.3g}"
         assert f"| {shown} |" in (folder / "report.md").read_text()
         assert f">{shown}</td>" in (folder / "index.html").read_text()
 
@@ -163,10 +163,10 @@ def test_names_are_text_wherever_they_stand(runs: list[Run], tmp_path: Path) -> 
     shown = html.unescape(re.sub("<[^>]*>", "", page))
     title = f"{name} on Schunk LWA3"
     assert shown.count(title) == 2  # the section's title, and the list of versions
-    assert shown.count(name) == 2 + 2 + 2 * 4  # the page's own title, twice; two tables
+    assert shown.count(name) == 2 + 2 + 3  # the page's own title, twice; three tables' titles
     assert f"{title}: 0.3 s, sampled every 10 ms; seed 5; ![i](v.png) 1" in shown
     for label in (f"{law}, {option} = [1]", f"{law}, {option} = [2]"):
-        assert shown.count(" ".join(label.split())) == 3  # below the trajectories; two tables
+        assert shown.count(" ".join(label.split())) == 4  # below the trajectories; three tables
     assert f"# slow.h5: made in Python, its {option!r} were given there" in shown
     assert f"objective={fence['objective']}' --out other.h5" in shown
     written = MarkdownIt().render((tmp_path / "report.md").read_text())

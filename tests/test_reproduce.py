@@ -16,8 +16,9 @@ from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import Run, make_controller, plots, simulate
+from rcmqp.compare import as_markdown
 from rcmqp.metrics import compute_metrics
-from rcmqp.reproduce import ARMS, comparison_table, reproduce_a, versus_table
+from rcmqp.reproduce import ARMS, BESIDE, comparison_table, reproduce_a
 from rcmqp.scenario_loading import load_scenario
 
 
@@ -32,17 +33,25 @@ def runs() -> list[Run]:
     return found
 
 
-def test_the_table_beside_another_controller_marks_what_is_assumed(runs: list[Run]) -> None:
-    lines = [line.strip("| ").split(" | ") for line in versus_table(runs).splitlines()]
+def test_the_table_beside_the_paper_says_what_the_law_was_given(runs: list[Run]) -> None:
+    lines = [line.strip("| ").split(" | ") for line in table_of(runs).splitlines()]
     found = {name: cells for name, *cells in lines[2:]}
+    assert found["feed-forward"] == ["no"] * 3
+    assert found["joint limits enforced"] == ["none"] * 3
+    assert found["K [1/s]"] == ["60"] * 3
+    assert found["limits assumed"] == ["not given", "jerk", "acceleration and jerk"]
+    assert found["rms until [s]"] == ["not given", "2", "2"]
     lwa3, meka = (compute_metrics(run) for run in runs)
-    assert found["joint acceleration over its limit, max"] == [
-        f"{lwa3.acceleration_ratio_max:.2f}",
-        f"{meka.acceleration_ratio_max:.2f} (assumed)",
-    ]
     assert found["joint jerk over its limit, max"] == [
-        f"{each.jerk_ratio_max:.2f} (assumed)" for each in (lwa3, meka)
+        "not given",
+        *(f"{each.jerk_ratio_max:.2f}" for each in (lwa3, meka)),
     ]
+    free = dataclasses.replace(runs[0], jerk_limit=np.full(7, np.inf))
+    assert "| joint jerk over its limit, max | not given | no limit |" in table_of([free])
+
+
+def table_of(runs: list[Run]) -> str:
+    return comparison_table(runs, list(map(compute_metrics, runs)))
 
 
 def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> None:
@@ -55,34 +64,31 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
 
     found = reproduce_a(tmp_path / "new", duration=0.05, progress=progress)
     assert reported == totals
-    assert len(reported) == len(found.runs) + len(found.rivals) == 6
+    assert len(reported) == len(found.runs) + len(found.rivals) == 4 + 2 * len(BESIDE)
     assert sorted(found.files) == sorted((tmp_path / "new").iterdir())
     assert all(file.stat().st_size > 0 for file in found.files)
-    assert (
-        (tmp_path / "new" / "experiment_a.md")
-        .read_text()
-        .endswith(f"{found.table}\n## Beside hierarchical_qp\n\n{found.versus}")
+    text = (tmp_path / "new" / "experiment_a.md").read_text()
+    assert text.endswith(
+        f"{found.table}\n## Beside hierarchical_qp\n\n{as_markdown(found.beside)}"
     )
     page = (tmp_path / "new" / "index.html").read_text()
-    assert page.count("<iframe") == 2
+    assert page.count("<iframe") == 4
     assert [f'src="helix_{arm}.png"' in page for arm in ARMS] == [True, True]
     assert "left out" not in page
     assert f"rcmqp reproduce --out {tmp_path / 'new'} --duration 0.05" in page
     assert Run.load(tmp_path / "new" / "meka_a2_8ms.h5") == found.runs[1]
-    assert Run.load(tmp_path / "new" / "lwa3_1ms_hierarchical_qp.h5") == found.rivals[0]
-    heads, _, *rows = [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in found.versus.splitlines()
+    assert Run.load(tmp_path / "new" / "lwa3_1ms_hierarchical_qp.h5") == found.rivals[2]
+    assert [row.digest for row in found.beside] == [
+        run.digest for run in (*found.runs[2:], *found.rivals)
     ]
-    pairs = [found.runs[2], found.rivals[0], found.runs[3], found.rivals[1]]
-    assert [head.split(", ")[-2:] for head in heads[1:]] == [
-        ["1 ms", run.controller] for run in pairs
-    ]
-    errors = [1e3 * np.sqrt(np.mean(run.tip_error**2)) for run in pairs]
-    assert max(errors) < 1e-4  # after 0.05 s; four decimal places would take that for nothing
-    assert rows[2] == ["tip error, rms [mm]", *(f"{error:.3g}" for error in errors)]
-    assert rows[-1] == [
-        "singular value, least",
-        *(f"{run.singular_value.min():.3f}" for run in pairs),
+    given = [(row.scenario, row.feed_forward, row.limits_enforced) for row in found.beside[::2]]
+    assert given == [
+        ("conical_helix", "no", "none"),
+        ("conical_helix", "yes", "none"),
+        ("conical_helix", "yes", "all"),
+        ("fast_helix", "no", "speed by scaling"),
+        ("fast_helix", "yes", "speed by scaling"),
+        ("fast_helix", "yes", "all"),
     ]
 
 
@@ -162,11 +168,20 @@ def test_ticks_of_a_short_helix_do_not_run_into_each_other(runs: list[Run]) -> N
 
 
 def test_what_all_runs_share_is_the_title_of_the_error_figure(runs: list[Run]) -> None:
+    given = "feed-forward: no, joint limits enforced: none, T = 10 ms, K = 60 1/s"
     figure = plots.error_figure([runs[0], dataclasses.replace(runs[0], controller="other")])
-    assert figure.axes[0].get_title() == "Schunk LWA3, T = 10 ms"
+    title = figure.axes[0].get_title().replace("\n", " ")
+    assert title == f"Schunk LWA3, {given}, limits assumed: jerk"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["dual_quaternion", "other"]
-    assert plots.error_figure(runs).axes[0].get_title() == "T = 10 ms"
+    both = plots.error_figure(runs)
+    assert both.axes[0].get_title().replace("\n", " ") == given
+    legend = [text.get_text().replace("\n", " ") for text in both.legends[0].get_texts()]
+    assert legend == [
+        "Schunk LWA3, dual_quaternion, limits assumed: jerk",
+        "Meka A2, right arm, dual_quaternion, limits assumed: acceleration and jerk",
+    ]
+    assert plots.trajectory_figure(runs).get_suptitle().replace("\n", " ") == given
 
 
 def test_the_trajectory_figure_starts_below_the_trocar_at_the_starts_depth(

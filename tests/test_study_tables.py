@@ -202,12 +202,26 @@ def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> N
     assert not side_by_side(first)
 
 
-def test_the_readmes_comparison_has_the_rows_that_a_study_writes() -> None:
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    pasted = readme[readme.index("rcmqp study camera_task -c dual_quaternion -c") :]
-    rows = side_by_side([*outcomes("a", 0.0), *outcomes("b", 0.1)])
-    labels = [cells[0] for cells in cells_of(rows, "|")]
-    assert [cells[0] for cells in cells_of(pasted, "|")[: len(labels)]] == labels
+def test_side_by_side_says_what_each_controller_was_given() -> None:
+    first, second = (
+        [
+            dataclasses.replace(
+                o, feed_forward=forward, limits_enforced="none", gain="60", assumed="jerk"
+            )
+            for o in outcomes(law, 0.0)
+        ]
+        for law, forward in (("a", "no"), ("b", "yes"))
+    )
+    text = side_by_side([*first, *second])
+    for start, expected in (
+        ("| feed-forward", ["no", "yes", "", ""]),
+        ("| joint limits enforced", ["none", "none", "", ""]),
+        ("| T [ms]", ["8", "8", "", ""]),
+        ("| K [1/s]", ["60", "60", "", ""]),
+        ("| limits assumed", ["jerk", "jerk", "", ""]),
+    ):
+        (cells,) = cells_of(text, start)
+        assert cells[1:] == expected
 
 
 def test_a_device_jump_has_a_row_of_its_own_where_there_was_one(tmp_path: Path) -> None:

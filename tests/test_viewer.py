@@ -9,6 +9,7 @@ import re
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -28,18 +29,16 @@ from rcmqp.cli import main
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, ToolMissing, UnknownName, ViewError
 from rcmqp.insertion import rcm_error
+from rcmqp.labels import run_labels
 from rcmqp.scene import Sphere
 from rcmqp.viewer import browser, capture, page
-from rcmqp.viewer.build import run_labels
 from rcmqp.viewer.scene import surroundings
 from rcmqp.viewer.shapes import arm_parts
 from rcmqp.viewer.table import metrics_table, versions_text
 from rcmqp.viewer.timeline import BINS, envelope, frames, slip, stopped
 
 
-def helix(
-    duration: float = 0.4, period: float = 0.004, arm: str = "lwa3", **options: float
-) -> Run:
+def helix(duration: float = 0.4, period: float = 0.004, arm: str = "lwa3", **options: Any) -> Run:
     scenario = load_scenario("conical_helix", arm, duration=duration, period=period)
     controller = make_controller("dual_quaternion", scenario.insertion(), period, **options)
     return simulate(scenario, controller)
@@ -50,14 +49,20 @@ def run() -> Run:
     return helix()
 
 
-def test_the_table_marks_limits_that_are_assumed_or_not_there(run: Run) -> None:
+def test_the_table_says_what_was_given_and_which_limits_are_assumed_or_not_there(
+    run: Run,
+) -> None:
     free = dataclasses.replace(run, jerk_limit=np.full(7, np.inf), assumed=())
     lines = re.findall("<tr><td>(.*?)</td>(.*?)</tr>", metrics_table([run, free], "ab"))
     rows = {name: re.findall("<td>(.*?)</td>", cells) for name, cells in lines}
     ratio = compute_metrics(run).jerk_ratio_max
     jerk = rows["joint jerk over its limit, max"]
-    assert jerk == [f"{ratio:.3g} (assumed)", "no limit"]
-    assert "assumed" not in "".join(rows["joint acceleration over its limit, max"])
+    assert jerk == [f"{ratio:.3g}", "no limit"]
+    assert rows["limits assumed"] == ["jerk", "none"]
+    assert rows["feed-forward"] == ["no", "no"]
+    assert rows["joint limits enforced"] == ["none", "none"]
+    assert rows["T [ms]"] == ["4", "4"]
+    assert rows["K [1/s]"] == ["60", "60"]
     names = list(rows)
     at = names.index("joint speed over its limit, max")
     assert [name.split()[1] for name in names[at : at + 3]] == ["speed", "acceleration", "jerk"]
@@ -142,9 +147,15 @@ def test_an_arm_without_shapes_is_rods_from_base_to_flange(tmp_path: Path) -> No
 
 
 def test_runs_are_told_apart_by_what_differs(run: Run) -> None:
-    other = helix(gain=30.0)
     assert run_labels([run]) == ["dual_quaternion"]
-    assert run_labels([run, other])[1] == "dual_quaternion, gain = 30.0"
+    assert run_labels([run, helix(gain=30.0)])[1] == "dual_quaternion, K = 30 1/s"
+    assert run_labels([run, helix(c_d=0.5)])[1] == "dual_quaternion, c_d = 0.5"
+    assert run_labels([run, helix(feed_forward=True)]) == [
+        "dual_quaternion, feed-forward: no",
+        "dual_quaternion, feed-forward: yes",
+    ]
+    scaled = run_labels([run, helix(velocity_limit="scale")])[1]
+    assert scaled == "dual_quaternion, joint limits enforced: speed by scaling"
     assert run_labels([run, helix(period=0.008)])[1] == "dual_quaternion, T = 8 ms"
     other = dataclasses.replace(helix(period=0.008), controller="damped")
     assert run_labels([run, other])[1] == "damped, T = 8 ms"

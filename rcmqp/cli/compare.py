@@ -17,10 +17,8 @@ from rcmqp.cli.options import (
     Jobs,
     governor_change,
     limits_of,
-    shared_options,
 )
-from rcmqp.console import out
-from rcmqp.controllers import CONTROLLERS
+from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.loading import arm_names
 from rcmqp.scenario_loading import scenario_module
@@ -40,7 +38,12 @@ def compare(
     ] = None,
     controller: Annotated[
         list[str] | None,
-        typer.Option("--controller", "-c", help="Name; may be repeated; all without it."),
+        typer.Option(
+            "--controller",
+            "-c",
+            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated. Without it, all as "
+            "they come, and with feed-forward, speed limits and both, if those are options.",
+        ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "comparison"
@@ -69,22 +72,25 @@ def compare(
 
       rcmqp compare -s fast_helix -s breathing_trocar -a panda --jobs 2
 
-    The folder gets every run, comparison.csv, comparison.md and a figure of the errors for each
+      rcmqp compare -s moving_trocar -c dual_quaternion -c dual_quaternion:feed_forward=true
+
+    The tables say what each controller was given: feed-forward, joint limits, period, gain. The
+    folder gets every run, comparison.csv, comparison.md and a figure of the errors for each
     scenario and arm. The numbers, but for times, do not depend on the number of jobs.
     """
     from rcmqp import compare as comparison  # joblib and matplotlib take long to import
 
     changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
-    laws = [name.replace("-", "_") for name in controller or CONTROLLERS]
+    given = settings or []
+    laws = with_options(controller or every_setting(fixed=given), given)
     urdfs = [name for name in arm or () if name not in arm_names()]
     for name in urdfs:
         if not Path(name).is_file():
             raise UnknownName("arm", name, arm_names())
     if flange is not None and not urdfs:
         raise OptionError("--flange is for a URDF, and none of the arms is one")
-    for name in laws:
-        if name not in CONTROLLERS:
-            raise UnknownName("controller", name, CONTROLLERS)
+    for law in laws:
+        controller_of(law)
     for name in scenario:
         scenario_module(name)
     if jobs == 0:
@@ -96,7 +102,6 @@ def compare(
         {name: value for name, value in changes.items() if value is not None}
         | governor_change(governor)
         | limits_of(acceleration, jerk).given(),
-        shared_options(laws, settings or []),
         flange,
     )
     with console.bar(quiet=as_json) as advance:
@@ -106,7 +111,7 @@ def compare(
     if as_json:
         console.print_json([console.row_json(row) for row in rows])
     else:
-        out.print(comparison.as_markdown(rows), markup=False, highlight=False, soft_wrap=True)
-        console.print_written(folder)
+        console.print_tables(comparison.tables(rows))
+        console.print_written(folder, ": all columns in comparison.md and comparison.csv")
     if any(row.failure for row in rows):
         raise typer.Exit(1)

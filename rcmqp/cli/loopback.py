@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from rcmqp.cli.options import options_of
 from rcmqp.console import out
+from rcmqp.controllers.settings import options_of
 
 
 def loopback(

@@ -40,9 +40,9 @@ def reproduce(
     """Run the paper's experiments: runs, figures, table beside the paper's, report.
 
     Experiment A: the tool tip of a Schunk LWA3 and of a Meka A2 draws a conical helix under the
-    paper's controller, at T = 8 ms, which the paper's Table I implies, and at 1 ms; and, to end
-    with, under hierarchical_qp at 1 ms. The folder's index.html shows it all, with a viewer an
-    arm.
+    paper's controller, at T = 8 ms, which the paper's Table I implies, and at 1 ms. Then the
+    controller stands beside hierarchical_qp at 1 ms: with feed-forward and without, and on a
+    helix that is too fast for the arms, with speed limits. The folder's index.html shows it all.
 
     Experiment B: simulated operators steer the endoscope of a Schunk LWA3 to four views, at 8 ms;
     --operators, --seed, --jobs, --factors and --practice are for it.
@@ -60,6 +60,7 @@ def reproduce(
         processes = 1 if jobs is None else jobs
         reproduce_b(folder, people, seed or 0, processes, as_json, factors, practice)
         return
+    from rcmqp import compare  # joblib and matplotlib take long to import
     from rcmqp.reproduce import reproduce_a
 
     with console.bar(quiet=as_json) as advance:
@@ -68,7 +69,7 @@ def reproduce(
         runs = [*found.runs, *found.rivals]
         console.print_json([console.run_json(each, compute_metrics(each)) for each in runs])
         return
-    for table in (found.table, found.versus):
-        out.print(table, markup=False, highlight=False, soft_wrap=True)
+    out.print(found.table, markup=False, highlight=False, soft_wrap=True)
+    console.print_tables(compare.tables(found.beside))
     for path in found.files:
         console.print_written(path)

@@ -16,9 +16,9 @@ from rcmqp.cli.options import (
     JerkOption,
     governor_change,
     limits_of,
-    options_of,
 )
 from rcmqp.controllers import make_controller
+from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
 from rcmqp.head import check_replaceable

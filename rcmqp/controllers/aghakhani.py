@@ -66,6 +66,7 @@ class Aghakhani(Controller):
     """
 
     name: ClassVar[str] = "aghakhani"
+    enforces: ClassVar[tuple[str, ...] | None] = ()
 
     gain: float = 60.0
     rcm_gain: float = 60.0

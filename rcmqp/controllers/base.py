@@ -20,6 +20,7 @@ from rcmqp.controllers.account import explained
 from rcmqp.controllers.checks import as_numbers, fault, is_usable
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
+from rcmqp.given import Given
 from rcmqp.insertion import Insertion
 from rcmqp.qp import HierarchySolution, InvalidProblem
 from rcmqp.reference import Reference
@@ -71,12 +72,15 @@ class Controller(abc.ABC):
     Attributes:
         name: in CONTROLLERS; a class that gives none has its own, MyLaw that of my_law.
         diagnostics: unit and meaning of each number that a Command's diagnostics hold.
+        enforces: which of the arm's joint limits the law enforces, of JOINT_LIMITS; None does not
+            say. Tables name them, see ``given``.
         insertion: what is controlled.
         period: sampling period T [s].
     """
 
     name: ClassVar[str]
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    enforces: ClassVar[tuple[str, ...] | None] = None
 
     insertion: Insertion
     period: float
@@ -104,6 +108,16 @@ class Controller(abc.ABC):
         """The options that this controller runs with."""
         names = [item.name for item in dataclasses.fields(self) if item.init]
         return {name: getattr(self, name) for name in names if name not in ("insertion", "period")}
+
+    @property
+    def given(self) -> Given:
+        """What the controller is given; every table, page and figure of its runs says it.
+
+        It is known of ``feed_forward``, ``gain`` and ``enforces``. A law whose options change more
+        than that overrides this property.
+        """
+        gain = getattr(self, "gain", None)
+        return Given(getattr(self, "feed_forward", None), self.enforces, gain=gain)
 
     def reset(self) -> None:  # noqa: B027  (most controllers keep nothing)
         """Forget the run so far."""

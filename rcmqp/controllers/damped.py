@@ -60,6 +60,7 @@ class Damped(Controller):
     """
 
     name: ClassVar[str] = "damped"
+    enforces: ClassVar[tuple[str, ...] | None] = ()
 
     gain: float = 60.0
     lambda_max: float = 0.05

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from rcmqp.controllers.checks import check_gain, check_not_negative
 from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.dualquaternion import C8, Array
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.given import Given
 from rcmqp.objectives import Objective, make_objective
 from rcmqp.reference import Reference
 
@@ -76,6 +78,7 @@ class DualQuaternion(Controller):
     """
 
     name: ClassVar[str] = "dual_quaternion"
+    enforces: ClassVar[tuple[str, ...] | None] = ()
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
         "objective": ("1", "value of the objective c(theta)"),
         "sigma_6_of_N": ("m, rad", "sixth singular value of N: about half of singular_value"),
@@ -135,6 +138,12 @@ class DualQuaternion(Controller):
         numbers.setflags(write=False)
         object.__setattr__(self, "_numbers", numbers)
         object.__setattr__(self, "_limited", VELOCITY_LIMITS.index(self.velocity_limit))
+
+    @property
+    def given(self) -> Given:
+        """Speed limits are enforced if ``velocity_limit`` says how."""
+        way = {"scale": "by scaling", "clip": "by clipping"}.get(self.velocity_limit, "")
+        return dataclasses.replace(super().given, limits=("speed",) if way else (), way=way)
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law at ``state``, compiled; see Controller.step()."""

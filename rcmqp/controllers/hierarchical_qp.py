@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_neg
 from rcmqp.controllers.program import LevelOfTasks, Program
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
+from rcmqp.given import JOINT_LIMITS, Given
 from rcmqp.insertion import Insertion
 from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
 from rcmqp.qp import Hierarchy, HierarchySolution, Level
@@ -99,6 +101,7 @@ class HierarchicalQP(Controller):
     """
 
     name: ClassVar[str] = "hierarchical_qp"
+    feed_forward: ClassVar[bool] = True
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
         "exact": ("1", "1 where every level is the optimum to rounding"),
         "joints_at_limit": ("1", "joints at a bound of their box"),
@@ -177,6 +180,14 @@ class HierarchicalQP(Controller):
         given = {"levels": self.levels, "limits": self.limits}
         names = {key: value and [item.name for item in value] for key, value in given.items()}
         return super().options | names
+
+    @property
+    def given(self) -> Given:
+        """The limits are those of its JointLimits; levels of one's own have gains of their own."""
+        boxes = [limit for limit in self._limits if isinstance(limit, JointLimits)]
+        count = max((4 if box.acceleration else 2 for box in boxes), default=0)
+        gain = self.gain if self.levels is None else None
+        return dataclasses.replace(super().given, limits=JOINT_LIMITS[:count], gain=gain)
 
     def reset(self) -> None:
         """Forget the solver's warm start."""

@@ -45,6 +45,7 @@ class PoseError(Controller):
     """
 
     name: ClassVar[str] = "pose_error"
+    enforces: ClassVar[tuple[str, ...] | None] = ()
 
     gain: float = 60.0
     tolerance: float = 1e-3

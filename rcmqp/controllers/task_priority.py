@@ -67,6 +67,7 @@ class TaskPriority(Controller):
     """
 
     name: ClassVar[str] = "task_priority"
+    enforces: ClassVar[tuple[str, ...] | None] = ()
 
     gain: float = 60.0
     rcm_gain: float = 60.0

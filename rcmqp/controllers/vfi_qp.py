@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -13,6 +14,7 @@ from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, check_between, check_gain, check_not_negative
 from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
+from rcmqp.given import Given
 from rcmqp.limits import KeepOut, combine
 from rcmqp.qp import Bounds, Hierarchy, Level, get_solver
 from rcmqp.reference import Reference
@@ -83,6 +85,7 @@ class VfiQP(Controller):
     """
 
     name: ClassVar[str] = "vfi_qp"
+    enforces: ClassVar[tuple[str, ...] | None] = ("position",)
 
     gain: float = 60.0
     alpha: float = 0.999
@@ -131,6 +134,12 @@ class VfiQP(Controller):
         object.__setattr__(self, "_obstacles", obstacles)
         get_solver(self.solver)  # says what is wrong with the name
         object.__setattr__(self, "_hierarchy", Hierarchy(self.solver))
+
+    @property
+    def given(self) -> Given:
+        """Position limits are enforced; speed limits, too, with ``velocity_limits``."""
+        limits = ("position", "speed") if self.velocity_limits else ("position",)
+        return dataclasses.replace(super().given, limits=limits)
 
     def reset(self) -> None:
         """Forget the solver's warm start."""

@@ -11,6 +11,7 @@ from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
 from rcmqp.controllers.hierarchical_qp import default_limits
+from rcmqp.given import JOINT_LIMITS
 from rcmqp.limits import Limit, combine
 from rcmqp.qp import QP, QPSolver, Status, get_solver
 from rcmqp.reference import Reference
@@ -44,6 +45,8 @@ class WeightedQP(Controller):
     """
 
     name: ClassVar[str] = "weighted_qp"
+    enforces: ClassVar[tuple[str, ...] | None] = JOINT_LIMITS
+    feed_forward: ClassVar[bool] = True
 
     gain: float = 60.0
     rcm_weight: float = 1e4

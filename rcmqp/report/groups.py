@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rcmqp.files import unlike
+from rcmqp.labels import run_labels
 from rcmqp.loading import arm_title
 from rcmqp.run import Run
-from rcmqp.viewer.build import grouped, run_labels
+from rcmqp.viewer.build import grouped
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rcmqp.labels import GIVEN
 from rcmqp.loading import arm_names, arm_title
 from rcmqp.study.outcome import Outcome
 from rcmqp.study.statistics import Effect, Summary, effect, summary
@@ -84,12 +85,23 @@ def side_by_side(outcomes: Sequence[Outcome]) -> str:
     ends = ["mean change", "effect size"] if changes else []
     heads = ["", *_short(found), *ends]
     lines = [row(heads), row(["---", *["---:"] * (len(heads) - 1)])]
+    given = [given_of(each) for each in of]
+    for name, label in GIVEN.items():
+        lines.append(row([label, *(each[name] for each in given), *[""] * len(ends)]))
     for label, name, kind, style in SIDE_BY_SIDE:
         cells = [format(getattr(summary([getattr(o, name) for o in x]), kind), style) for x in of]
         lines.append(row([label, *cells, *(_change(changes.get(name), kind) if ends else [])]))
     counts = [f"{sum(o.finished for o in x)}; {sum(o.collided for o in x)}" for x in of]
     lines.append(row(["finished; touched the obstacle", *counts, *[""] * len(ends)]))
     return "\n".join(lines) + "\n"
+
+
+def given_of(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """What the controller of a condition was given, see given_cells(); from a trial that ran."""
+    one = next((o for o in outcomes if not o.failure), outcomes[0])
+    return {"period_ms": f"{1e3 * one.period:g}"} | {
+        name: getattr(one, name) for name in GIVEN if name != "period_ms"
+    }
 
 
 def comparison_table(outcomes: Sequence[Outcome]) -> str:

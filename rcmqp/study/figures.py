@@ -15,11 +15,13 @@ from rcmqp import dualquaternion as dq
 from rcmqp.camera import Pinhole, camera_pose
 from rcmqp.devices import HandMapping
 from rcmqp.dualquaternion import Array
+from rcmqp.labels import given_words
 from rcmqp.operators import GROUPS, CameraTrial
 from rcmqp.palette import SPHERES
 from rcmqp.reference import view_pose
 from rcmqp.scenario import Scenario
 from rcmqp.scene import Sphere
+from rcmqp.study.comparisons import given_of
 from rcmqp.study.outcome import Outcome
 from rcmqp.study.record import Record
 
@@ -142,7 +144,7 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
         counts = ", ".join(f"{len(_of(outcomes, group))} {group}" for group in GROUPS)
         figure.suptitle(
             f"{outcomes[0].arm}, {outcomes[0].controller}: {counts}; bars in the middle are "
-            "standard deviations",
+            f"standard deviations\n{_given(outcomes[0])}",
             fontsize=10,
         )
     whole, legs, errors = figure.subplots(1, 3)
@@ -209,4 +211,9 @@ def _ball(sphere: Sphere) -> tuple[Array, Array, Array]:
 
 
 def _title(outcome: Outcome) -> str:
-    return f"operator {outcome.operator} ({outcome.group}), {outcome.arm}, {outcome.controller}"
+    person = f"operator {outcome.operator} ({outcome.group})"
+    return f"{person}, {outcome.arm}, {outcome.controller}\n{_given(outcome)}"
+
+
+def _given(outcome: Outcome) -> str:
+    return ", ".join(given_words(given_of([outcome])).values())

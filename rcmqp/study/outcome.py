@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rcmqp import dualquaternion as dq
 from rcmqp.camera_task import clearance, reached
 from rcmqp.dualquaternion import Array
+from rcmqp.labels import given_cells
 from rcmqp.metrics import compute_metrics
 from rcmqp.operators import CameraTrial, recognition_times
 from rcmqp.run import Run
@@ -36,6 +38,8 @@ class Outcome:
         group: novice or experienced.
         arm, controller: names.
         period: sampling period [s].
+        feed_forward, limits_enforced, gain, assumed: what the controller was given, as
+            given_cells() has it.
         finished: whether every objective was reached.
         completion_s: when the last one was; NaN if not all were.
         reached_s: when each was.
@@ -57,6 +61,10 @@ class Outcome:
     arm: str
     controller: str
     period: float
+    feed_forward: str = ""
+    limits_enforced: str = ""
+    gain: str = ""
+    assumed: str = ""
     finished: bool = False
     completion_s: float = np.nan
     reached_s: tuple[float, ...] = ()
@@ -104,7 +112,9 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
     done = times[~np.isnan(times)]
     starts = (0.0, *done[:-1].tolist())
     looking = recognition_times(path.operator, len(done), scenario.seed, path.learning, starts)
-    numbers = {name: getattr(found, name) for name in _FROM_METRICS}
+    values: dict[str, Any] = {name: getattr(found, name) for name in _FROM_METRICS}
+    values |= given_cells(run.head)
+    del values["period_ms"]  # the outcome has the period in seconds
     outcome = Outcome(
         trial.operator,
         path.operator.group,
@@ -121,7 +131,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         slow_share=float(np.mean(slow)),
         rcm_rms_moving_mm=1e3 * moving,
         digest=run.digest,
-        **numbers,
+        **values,
     )
     thin = slice(None, None, max(1, round(TRACE_TIME / run.period)))
     traces = {

@@ -22,7 +22,7 @@ from rcmqp.simulate import versions
 from rcmqp.study.outcome import TRACES, Outcome
 
 FORMAT = "rcmqp trial"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 SUFFIX = ".h5"
 
 

@@ -9,9 +9,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from rcmqp.labels import given_words
 from rcmqp.metrics import ROUNDING, Metrics
 from rcmqp.operators import GROUPS, PARAMETERS, CameraTrial
-from rcmqp.study.comparisons import comparison_table, conditions, row, side_by_side, title
+from rcmqp.study.comparisons import (
+    comparison_table,
+    conditions,
+    given_of,
+    row,
+    side_by_side,
+    title,
+)
 from rcmqp.study.outcome import Outcome
 from rcmqp.study.perform import Performed
 from rcmqp.study.plan import Study
@@ -114,7 +122,10 @@ def table(performed: Performed, jump: Metrics | None = None) -> str:
     parts = []
     for arm, law in conditions(performed.outcomes):
         mine = [o for o in performed.outcomes if (o.arm, o.controller) == (arm, law)]
-        parts.append(f"## {title(arm)}, {law}\n\n{_table_one(mine, jump)}")
+        given = ", ".join(given_words(given_of(mine)).values())
+        parts.append(
+            f"## {title(arm)}, {law}\n\nThe controller: {given}.\n\n{_table_one(mine, jump)}"
+        )
     if beside := side_by_side(performed.outcomes):
         parts.insert(0, f"## Side by side\n\n{beside}")
     if comparison := comparison_table(performed.outcomes):

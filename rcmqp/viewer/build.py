@@ -17,6 +17,7 @@ import rcmqp
 from rcmqp.errors import RcmqpError, ViewError
 from rcmqp.files import check_ending, check_writable, whole
 from rcmqp.insertion import Insertion
+from rcmqp.labels import run_labels
 from rcmqp.loading import arm_title
 from rcmqp.palette import colour, dash
 from rcmqp.run import Run
@@ -133,32 +134,6 @@ def grouped(runs: Sequence[Run]) -> list[list[Run]]:
         else:
             groups.append([run])
     return groups
-
-
-def run_labels(runs: Sequence[Run]) -> list[str]:
-    """What tells the runs apart.
-
-    The controller; period and seed, where they are not all the same; and what else differs
-    between runs of one controller.
-    """
-    labels = []
-    for run in runs:
-        alike = [other for other in runs if other.controller == run.controller]
-        marks = [run.controller]
-        if any(other.period != run.period for other in runs):
-            marks.append(f"T = {1e3 * run.period:g} ms")
-        if any(other.scenario.seed != run.scenario.seed for other in runs):
-            marks.append(f"seed = {run.scenario.seed}")
-        marks += [
-            f"{name} = {value}"
-            for name, value in run.options.items()
-            if any(other.options.get(name) != value for other in alike)
-        ]
-        labels.append(", ".join(marks))
-    return [
-        f"{label}, run {i + 1}" if labels.count(label) > 1 else label
-        for i, label in enumerate(labels)
-    ]
 
 
 def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Iterable, Sequence
 
-from rcmqp.metrics import Metrics, after_the_stop, against_limit, compute_metrics
+from rcmqp.labels import GIVEN, given_cells
+from rcmqp.metrics import Metrics, after_the_stop, against_limit, compute_metrics, until
 from rcmqp.palette import colour, dash
 from rcmqp.run import Run
 
-SPEED = "joint speed over its limit, max"
-
 ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
-    ("rms until [s]", lambda m: f"{m.errors_until_s:.4g}"),
+    ("rms until [s]", lambda m: until(m.errors_until_s, m.duration_s)),
     ("tip error, rms [mm]", lambda m: f"{m.tip_rms_mm:.3g}"),
     ("tip error, max [mm]", lambda m: f"{m.tip_max_mm:.3g}"),
     ("contour error, rms [mm]", lambda m: f"{m.contour_rms_mm:.3g}"),
@@ -23,11 +22,17 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
     ("orientation error, rms [mrad]", lambda m: f"{m.orientation_rms_mrad:.3f}"),
     ("orientation error, max [mrad]", lambda m: f"{m.orientation_max_mrad:.3f}"),
     ("depth of the tip [mm]", lambda m: f"{m.depth_min_mm:.1f} to {m.depth_max_mm:.1f}"),
-    (SPEED, lambda m: f"{m.speed_ratio_max:.3f}"),
-    ("margin to joint limits, least [rad]", lambda m: f"{m.limit_margin_min_rad:.3f}"),
+    ("joint speed over its limit, max", lambda m: f"{m.speed_ratio_max:.3f}"),
+    ("joint acceleration over its limit, max", lambda m: against_limit(m.acceleration_ratio_max)),
+    ("joint jerk over its limit, max", lambda m: against_limit(m.jerk_ratio_max)),
+    (
+        "margin to joint limits, least [rad]",
+        lambda m: against_limit(m.limit_margin_min_rad, ".3f"),
+    ),
     ("singular value, least", lambda m: f"{m.singular_value_min:.4f}"),
     ("tip speed asked for, rms [mm/s]", lambda m: f"{m.tip_speed_rms_mm_s:.1f}"),
     ("cycles in a row in which a joint turns round", lambda m: f"{m.reversals_in_a_row:.0f}"),
+    ("cycles in which a joint turns round", lambda m: f"{m.reversals:.0f}"),
     ("step of a joint's speed over its limit, max", lambda m: f"{m.step_ratio_max:.3f}"),
     ("reference stops [s]", lambda m: after_the_stop(m.reference_end_s, ".4g")),
     ("tip past its end, max [mm]", lambda m: after_the_stop(m.overshoot_max_mm)),
@@ -40,21 +45,13 @@ ROWS: tuple[tuple[str, Callable[[Metrics], str]], ...] = (
 )
 
 
-LIMITS = (
-    ("joint acceleration over its limit, max", "acceleration"),
-    ("joint jerk over its limit, max", "jerk"),
-)
-"""Rows whose limits may be assumed; they follow that of the speed."""
-
-
 def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
-    """Metrics down, runs across; what rests on numbers that are missing is missing."""
+    """What runs were given and their metrics down, runs across; what is missing says so."""
     found = [compute_metrics(run) for run in runs]
-    rows = []
+    given = [given_cells(run.head) for run in runs]
+    rows = [(title, [each[name] for each in given]) for name, title in GIVEN.items()]
     for name, text in ROWS:
         rows.append((name, [text(metrics) for metrics in found]))
-        if name == SPEED:
-            rows += [(title, _against(limit, runs, found)) for title, limit in LIMITS]
     stops = [sum(map(len, run.stops.values())) for run in runs]
     rows.append(("cycles in the safe stop", [str(count) for count in stops]))
     heads = "".join(
@@ -67,14 +64,6 @@ def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
         for name, texts in rows
     )
     return f"<table><thead><tr><th></th>{heads}</tr></thead><tbody>{lines}</tbody></table>"
-
-
-def _against(limit: str, runs: Sequence[Run], found: Sequence[Metrics]) -> list[str]:
-    """Each run's largest acceleration or jerk over its limit, and whether that is assumed."""
-    return [
-        against_limit(getattr(metrics, f"{limit}_ratio_max"), assumed=limit in run.assumed)
-        for run, metrics in zip(runs, found, strict=True)
-    ]
 
 
 def _cell(text: str) -> str:

@@ -1,0 +1,100 @@
+"""A controller with options, out of text: NAME, or NAME:OPTION=VALUE,OPTION=VALUE."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.errors import OptionError, UnknownName
+
+SWITCHES = {"feed_forward": "true", "velocity_limit": "scale", "velocity_limits": "true"}
+"""Options that decide what a law is given, and the value that gives it; all are off by default."""
+
+
+def controller_of(setting: str) -> tuple[str, dict[str, Any]]:
+    """Name and options of a controller out of its setting; hyphens in a name are underscores.
+
+    Raises:
+        UnknownName: there is no such controller, or it has no such option.
+        OptionError: an option has no value, a value of the wrong kind, or comes twice.
+    """
+    name, _, options = setting.partition(":")
+    name = name.replace("-", "_")
+    return name, options_of(name, options.split(",") if options else [])
+
+
+def every_setting(fixed: Sequence[str] = ()) -> list[str]:
+    """Settings of all controllers, each with every combination of the SWITCHES that it has.
+
+    Args:
+        fixed: NAME=VALUE texts; an option in them is no switch.
+    """
+    named = {text.partition("=")[0] for text in fixed}
+    found = []
+    for name in CONTROLLERS:
+        known = controller_options(name).keys() - named
+        switches = [f"{option}={value}" for option, value in SWITCHES.items() if option in known]
+        for count in range(len(switches) + 1):
+            for chosen in itertools.combinations(switches, count):
+                found.append(f"{name}:{','.join(chosen)}" if chosen else name)
+    return found
+
+
+def with_options(settings: Sequence[str], more: Sequence[str]) -> list[str]:
+    """The settings, each with those of some NAME=VALUE texts that name options of its controller.
+
+    Raises:
+        UnknownName: there is no such controller, or no controller has an option of that name.
+    """
+    known = [controller_options(controller_of(setting)[0]) for setting in settings]
+    for text in more:
+        name = text.partition("=")[0]
+        if not any(name in options for options in known):
+            laws = ", ".join(dict.fromkeys(controller_of(setting)[0] for setting in settings))
+            raise UnknownName(f"option of {laws}", name, {x for each in known for x in each})
+    found = []
+    for setting, options in zip(settings, known, strict=True):
+        name, _, given = setting.partition(":")
+        own = [text for text in more if text.partition("=")[0] in options]
+        every = ",".join(filter(None, [given, *own]))
+        found.append(f"{name}:{every}" if every else name)
+    return found
+
+
+def options_of(controller: str, settings: Sequence[str]) -> dict[str, Any]:
+    """Controller options out of NAME=VALUE texts, of the type that their defaults have.
+
+    Raises:
+        UnknownName, OptionError: see controller_of().
+    """
+    name = controller.replace("-", "_")
+    if name not in CONTROLLERS:
+        raise UnknownName("controller", name, CONTROLLERS)
+    given = controller_options(name)  # an option without a default of its own is Python's
+    defaults = {option: value for option, value in given.items() if value is not None}
+    options: dict[str, Any] = {}
+    for setting in settings:
+        option, equals, text = setting.partition("=")
+        if not equals:
+            raise OptionError(f"{setting}: write NAME=VALUE, such as feed_forward=true")
+        if option in given and option not in defaults:
+            raise OptionError(f"{setting}: {option} of {name} can be given only from Python")
+        if option not in defaults:
+            raise UnknownName(f"option of {name}", option, defaults)
+        if option in options:
+            raise OptionError(f"{setting}: {option} is given twice")
+        options[option] = _value(option, text, type(defaults[option]))
+    return options
+
+
+def _value(option: str, text: str, kind: type) -> Any:
+    if kind is bool:
+        if text.lower() not in ("true", "false"):
+            raise OptionError(f"{option}={text}: it must be true or false")
+        return text.lower() == "true"
+    try:
+        return kind(text)
+    except ValueError as error:
+        raise OptionError(f"{option}={text}: it must be a number") from error

@@ -1,0 +1,66 @@
+"""What a controller is given besides its law: what a reader has to know to compare two of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import Self
+
+JOINT_LIMITS = ("position", "speed", "acceleration", "jerk")
+"""Limits of an arm's joints that a law may enforce."""
+
+NOT_SAID = "not said"
+"""Stands in a table for what a controller, or a run's file of an earlier version, does not say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What a controller knows and obeys; the period and the arm's limits are the scenario's.
+
+    Attributes:
+        feed_forward: whether the law knows the velocities of the reference and of the trocar;
+            None if the controller does not say.
+        limits: which of JOINT_LIMITS the law enforces; None if the controller does not say.
+        way: how it enforces them, if not as bounds of an optimum.
+        gain: K [1/s]; None if the controller has no single one.
+    """
+
+    feed_forward: bool | None = None
+    limits: tuple[str, ...] | None = None
+    way: str = ""
+    gain: float | None = None
+
+    @property
+    def feed_forward_text(self) -> str:
+        """``yes``, ``no`` or NOT_SAID."""
+        return {True: "yes", False: "no", None: NOT_SAID}[self.feed_forward]
+
+    @property
+    def limits_text(self) -> str:
+        """``all``, ``none``, NOT_SAID, or the limits' names."""
+        if self.limits is None:
+            return NOT_SAID
+        if set(self.limits) == set(JOINT_LIMITS):
+            return "all"
+        return " ".join(filter(None, (" and ".join(self.limits) or "none", self.way)))
+
+    @property
+    def gain_text(self) -> str:
+        """The gain, or NOT_SAID."""
+        return NOT_SAID if self.gain is None else f"{self.gain:g}"
+
+    def to_json(self) -> str:
+        """As a run's file keeps it."""
+        return json.dumps(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The inverse of to_json()."""
+        data = json.loads(text)
+        limits = data.pop("limits")
+        return cls(**data, limits=None if limits is None else tuple(limits))
+
+
+UNKNOWN = Given()
+"""Of a controller, or a run's file, that does not say."""
