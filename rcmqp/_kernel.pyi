@@ -68,7 +68,7 @@ def step(
     /,
 ) -> tuple[Array, Array, dict[str, float]]: ...
 def approached(
-    strict: Array,
+    above: Array,
     A: Array,
     e: Array,
     carried: Array,

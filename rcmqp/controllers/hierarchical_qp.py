@@ -207,15 +207,14 @@ class HierarchicalQP(Controller):
         )
 
     def _levels_at(self, state: ArmState, reference: Reference) -> list[Level]:
-        """The levels, errors approached no faster than the joints can stop below strict ones."""
-        arm, made = self.insertion.arm, []
-        strict = np.zeros((0, arm.nv))
+        """The levels, errors approached no faster than the joints can stop below those above."""
+        nv, made = self.insertion.arm.nv, []
+        above = np.zeros((0, nv))
         for level in self._levels:
-            approach = Approach(state.v, state.a, *self._able, self.approach, self.period, strict)
+            approach = Approach(state.v, state.a, *self._able, self.approach, self.period, above)
             made.append(level.level(state, reference, approach))
-            strict_so_far = len(strict) == sum(len(x.A) for x in made[:-1])
-            if made[-1].damping == 0.0 and strict_so_far and made[-1].A.shape[1] == arm.nv:
-                strict = np.concatenate([strict, made[-1].A])
+            if made[-1].A.shape[1] == nv:
+                above = np.concatenate([above, made[-1].A])
         return made
 
     def _run(self, program: Program, state: ArmState, reference: Reference) -> Command:

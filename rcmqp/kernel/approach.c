@@ -10,8 +10,8 @@
 /* Damping of the joints' part in a strict task, whose own is zero [unit of the rows]. */
 #define STRICT_DAMPING 1e-3
 
-/* Weight of the strict rows against those of the task. */
-#define STRICT_WEIGHT 1e3
+/* Weight of the rows above against those of the task. */
+#define ABOVE_WEIGHT 1e3
 
 /* Share of the jerk that is counted on to stop an error. */
 #define EASING 0.5
@@ -36,14 +36,14 @@ static void prepare(const Brakes *brakes, const Approached *task, double *H)
         for (int q = 0; q <= p; ++q) {
             double total = p == q ? by * by : 0.0;
             for (int i = 0; i < task->m; ++i) total += task->A[i * n + p] * task->A[i * n + q];
-            for (int i = 0; i < task->strict_rows; ++i)
-                total += STRICT_WEIGHT * task->strict[i * n + p] * task->strict[i * n + q];
+            for (int i = 0; i < task->above_rows; ++i)
+                total += ABOVE_WEIGHT * task->above[i * n + p] * task->above[i * n + q];
             H[p * n + q] = total;
         }
     cholesky(H, n);
 }
 
-/* min_j limit_j / |w_j| of acceleration and jerk, with w = [strict; A]^+ [0; x / |x|], damped. */
+/* min_j limit_j / |w_j| of acceleration and jerk, with w = [above; A]^+ [0; x / |x|], damped. */
 static Ability ability(const Brakes *brakes, const Approached *task, const double *H,
                        const double *x, double size, double *w)
 {

@@ -12,10 +12,10 @@ typedef struct {
     double share, period;
 } Brakes;
 
-/* One task below strict rows: d(error)/dt = A v - carried. */
+/* One task below the rows of other levels: d(error)/dt = A v - carried. */
 typedef struct {
-    int m, strict_rows;
-    const double *strict;  /* (strict_rows, n) */
+    int m, above_rows;
+    const double *above;   /* (above_rows, n) */
     const double *A;       /* (m, n) */
     const double *e;       /* (m) error */
     const double *carried; /* (m) */

@@ -215,16 +215,14 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
     double *C = take(arena, hierarchy->m * n), *d = take(arena, hierarchy->m);
     const Brakes brakes = {n, cycle->joints + 3 * n, cycle->joints + 4 * n, cycle->v, cycle->a,
                            program->braking, program->period};
-    int at = 0, level = 0, first = 0, strict = 0;
-    for (int k = 0; hierarchy->damping[k] == 0.0 && k < hierarchy->levels - 1; ++k)
-        strict = (int)hierarchy->ends[k];
+    int at = 0, level = 0, first = 0;
     for (int k = 0; k < program->task_count; ++k) {
         const double *line = program->tasks + k * TASK_NUMBERS;
         const int m = rows_of_task(line, n);
         while (at >= hierarchy->ends[level]) first = (int)hierarchy->ends[level++];
         task_rows(cycle, line, program->vectors + 2 * k * n, A + at * n, b + at, e, arena);
         if (has_error(line)) {
-            const Approached task = {m, first < strict ? first : strict, A, A + at * n, e, b + at,
+            const Approached task = {m, first, A, A + at * n, e, b + at,
                                      line[2], hierarchy->damping[level]};
             approach_rate(&brakes, &task, rate, arena);
             for (int i = 0; i < m; ++i) b[at + i] += rate[i];
@@ -245,18 +243,18 @@ static void make_rows(Hierarchy *hierarchy, double *lower, double *upper, Arena 
     hierarchy->A = A, hierarchy->b = b, hierarchy->C = C, hierarchy->d = d;
 }
 
-/* approached(strict, A, e, carried, gain, damping, v, a, acceleration, jerk, braking): see
+/* approached(above, A, e, carried, gain, damping, v, a, acceleration, jerk, braking): see
  * approach.h; braking is the period and the share. */
 PyObject *approached(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
     if (!counted("approached", count, 11)) return NULL;
     const npy_intp n = size_of(args[6]), m = size_of(args[2]);
-    const npy_intp strict_rows = n > 0 ? size_of(args[0]) / n : 0;
+    const npy_intp above_rows = n > 0 ? size_of(args[0]) / n : 0;
     const Approached task = {
         (int)m,
-        (int)strict_rows,
-        numbers_of(args[0], NPY_DOUBLE, strict_rows * n, "strict"),
+        (int)above_rows,
+        numbers_of(args[0], NPY_DOUBLE, above_rows * n, "above"),
         numbers_of(args[1], NPY_DOUBLE, m * n, "A"),
         numbers_of(args[2], NPY_DOUBLE, m, "e"),
         numbers_of(args[3], NPY_DOUBLE, m, "carried"),

@@ -75,7 +75,7 @@ class Approach:
     """How fast an error may be reduced if the joints are still to stop it at zero.
 
     A task wants the rate -gain e. Where |e| is large the joints could not stop from that in
-    time, and the error would overshoot. With n = e / |e| and w = [strict; A]^+ [0; n] the joints'
+    time, and the error would overshoot. With n = e / |e| and w = [above; A]^+ [0; n] the joints'
     part in it, damped by the level's damping, they can slow it down at min_j a_j / |w_j| at the
     most, and change that at min_j j_j / |w_j|. So the rate is at most that from which a stop ends
     at zero, at ``share`` of that acceleration and half of that jerk. Where jerk is limited, a new
@@ -90,7 +90,7 @@ class Approach:
         jerk: (nv,) limits, inf for none.
         share: of the acceleration limits that is counted on; 0 for -gain e throughout.
         period: sampling period T [s].
-        strict: (m, nv) rows of the strict levels above.
+        above: (m, nv) rows of the levels above, which the task has to leave as they are.
     """
 
     v: Array
@@ -99,7 +99,7 @@ class Approach:
     jerk: Array
     share: float
     period: float
-    strict: Array
+    above: Array
 
     def rate(
         self, rows: Array, error: Array, carried: Array, gain: float, damping: float
@@ -114,7 +114,7 @@ class Approach:
             damping: of the level; 0 where it is strict.
         """
         braking = np.array([self.period, self.share])
-        task = self.strict, np.ascontiguousarray(rows), error, carried, gain, damping
+        task = self.above, np.ascontiguousarray(rows), error, carried, gain, damping
         return _kernel.approached(*task, self.v, self.a, self.acceleration, self.jerk, braking)
 
 
