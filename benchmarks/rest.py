@@ -3,9 +3,9 @@
 Three tables in Markdown, a line a controller and arm, or a controller and scenario:
 
 - four views that are known to be hard, each reached in 4 s and then held for 10 s;
-- views drawn at random, reachable or not, reached and held likewise, with and without acceleration
-  limits, with K_c of 0 and 7, gains of 5 to 200 1/s and periods of 1 to 8 ms; every controller
-  gets the same draws, as far as it has the option;
+- views drawn at random, reachable or not, reached and held likewise, with and without limits of
+  acceleration and jerk, with K_c of 0 and 7, gains of 5 to 200 1/s and periods of 1 to 8 ms; every
+  controller gets the same draws, as far as it has the option;
 - the scenarios that are shipped, the worst of all arms.
 
     python benchmarks/rest.py --runs 50 --jobs 2
@@ -63,9 +63,6 @@ PERIODS = (1e-3, 2e-3, 4e-3, 8e-3)
 GAINS = (5.0, 200.0)
 """Drawn evenly in their logarithm, but at most 1 / T, above which every law overshoots."""
 
-FULL_SPEED = 0.25
-"""Time to full speed, where an arm's acceleration limits are not known and are to be kept [s]."""
-
 AT_REST = 1e-3
 """Swing over a speed limit below which a run is at rest."""
 
@@ -77,14 +74,14 @@ class Held:
     Attributes:
         arm: name.
         view: alpha, beta, gamma [rad], t_z [m].
-        limited: whether the arm has acceleration limits; None as load_arm() has them.
+        limited: whether the arm has limits of acceleration and jerk, as load_arm() has them.
         options: of the controller, as far as it has them.
         period: T [s].
     """
 
     arm: str
     view: View
-    limited: bool | None = None
+    limited: bool = True
     options: dict[str, Any] = field(default_factory=dict)
     period: float = 1e-3
 
@@ -109,11 +106,8 @@ def draws(arm: str, runs: int, seed: int) -> list[Held]:
 def hold(held: Held, controller: str, backend: str) -> Result:
     """Reach and hold a view."""
     arm = load_arm(held.arm)
-    if held.limited is not None:
-        assumed = np.where(np.isfinite(arm.acceleration), arm.acceleration, arm.velocity)
-        assumed[~np.isfinite(arm.acceleration)] /= FULL_SPEED
-        arm.acceleration = assumed if held.limited else np.full(arm.nv, np.inf)
-        arm.acceleration.setflags(write=False)
+    if not held.limited:
+        arm = load_arm(held.arm, acceleration=math.inf, jerk=math.inf)
     insertion = Insertion.on_shaft(arm, Instrument(), depth=0.1)
     path = ViewMoves(views=(held.view,), move=MOVE, dwell=HOLD)
     scenario = Scenario.of("held_view", insertion, path, period=held.period)

@@ -86,7 +86,9 @@ def print_written(path: Path, more: str = "") -> None:
 def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """A table of texts; the first column, of names, is never cut."""
     first, *others = map(escape, heads)
-    table = Table(Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False)
+    table = Table(
+        Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False, collapse_padding=True
+    )
     for row in rows:
         table.add_row(*map(escape, row))
     out.print(table)

@@ -49,7 +49,7 @@ class Verdict:
     @property
     def decided(self) -> bool:
         """Whether the oracle knows the answer."""
-        return self.unproved < 1e-9
+        return self.unproved < 1e-7
 
 
 @functools.cache

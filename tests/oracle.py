@@ -233,7 +233,8 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
             one = solved((level.A, level.b), (speed, still[: len(speed)]), (H, h))
         else:
             start = free[-1].v
-            one = Stacked(Z.T, still, Z, start)
+            out = float(np.linalg.norm(start - np.clip(start, lower, upper)))
+            one = Stacked(Z.T, still, Z, start / (1.0 + out / constant("FAR_OUT")))
             for _ in range(int(constant("PROXIMAL"))):
                 one = solved((level.A, level.A @ start), (d * Z.T, d * Z.T @ one.v), (H, h))
         found.append(one)

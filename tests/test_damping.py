@@ -171,7 +171,7 @@ def steepest(along: Along, step: float = 1e-7) -> float:
     return most
 
 
-SLOPES = {"ur5": 1.8e4, "panda": 3.6e4, "lwa3": 1.4e5, "meka_a2": 2.3e6}
+SLOPES = {"ur5": 5.7e4, "panda": 3.6e4, "lwa3": 1.4e5, "meka_a2": 2.3e6}
 """[rad/s per rad] Three times what was measured. The Meka's is that of the strict RCM: five joints
 are at their bounds, and the other two hold it nearly in parallel; without that one line it is a
 hundredth."""

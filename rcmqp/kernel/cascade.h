@@ -23,12 +23,13 @@
  * of a change of b. Where nothing is near singular, it is the strict level's answer to s^-6.
  *
  * Inside bounds, where the last v of all levels without bounds, v0, breaks one: a level aims at
- * what it has in v0, from v0, and speed is weighed against that, PROXIMAL times:
+ * what it has in v0, and speed is weighed against that, PROXIMAL times:
  *
- *     v_1 = v0,  v_{i+1} = argmin |A (v - v0)|^2 + d^2 |Z^T (v - v_i)|^2
- *                                 + sum |A_j (v - v_j) / exchange_j|^2
+ *     v_1 = s v0,  v_{i+1} = argmin |A (v - v0)|^2 + d^2 |Z^T (v - v_i)|^2
+ *                                   + sum |A_j (v - v_j) / exchange_j|^2
  *
- * with v_j what the damped levels above have reached. Every step is a projection of the step before
+ * with v_j what the damped levels above have reached, and s going from one to zero as v0 leaves the
+ * box, so that joints in the way do not drive others that gain nothing. Every step is a projection
  * on a convex set in a norm that changes continuously; where v0 keeps the bounds, all steps stay
  * there. So the answer is continuous in everything, through the change from one form to the other
  * too. In the directions that the bounds leave, a singular value sigma loses

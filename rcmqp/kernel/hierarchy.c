@@ -22,6 +22,10 @@
 /* Steps of a damped level inside bounds, see cascade.h. */
 #define PROXIMAL 3
 
+/* A damped level starts from half of the closed form's v where that is so far out of the box
+ * [rad/s]. */
+#define FAR_OUT 0.01
+
 /* A strict level below damped ones asks for half as much when so much is missing of these, over
  * their damping [rad/s]. */
 #define GIVES_WAY 0.003
@@ -339,6 +343,18 @@ static Route serve_strict(Work *work, int k, int *rounds, Arena *arena)
     return damped;
 }
 
+/* How much of the closed form's v a damped level starts from: less, the farther out of the box. */
+static double inside(const Descent *descent)
+{
+    const State *state = &descent->state;
+    double total = 0.0;
+    for (int i = 0; i < state->n; ++i) {
+        const double v = descent->open[i], over = v - clipped(v, state->lower[i], state->upper[i]);
+        total += over * over;
+    }
+    return 1.0 / (1.0 + sqrt(total) * descent->unit / FAR_OUT);
+}
+
 /* A damped level, step by step from the closed form's v, see cascade.h. */
 static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
 {
@@ -350,7 +366,8 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
     Route route = CLOSED_FORM;
     for (int i = 0; i < level.m; ++i) aim[i] = dot(level.A + i * n, descent->open, n);
-    memcpy(from, descent->open, sizeof(double) * (size_t)n);
+    const double share = inside(descent);
+    for (int i = 0; i < n; ++i) from[i] = share * descent->open[i];
     level.from = from;
     state->offset = descent->offsets + k * n;
     for (int step = 0; step < PROXIMAL && !work->failed; ++step) {
