@@ -75,8 +75,8 @@ def asked(
     arm, reference = insertion.arm, references[int(rng.integers(len(references)))]
     given = {
         "q": arm.configuration(arm.random_angles(rng)),
-        "v": rng.uniform(-1.0, 1.0) * arm.velocity,
-        "a": rng.uniform(-1.0, 1.0, arm.nv),
+        "v": rng.uniform(-0.8, 0.8) * arm.velocity,
+        "a": rng.uniform(-0.2, 0.2, arm.nv) * np.minimum(arm.acceleration, arm.velocity),
         **{name: np.array(getattr(reference, name)) for name in FIELDS[3:]},
     }
     for _ in range(int(rng.integers(4))):

@@ -35,9 +35,6 @@ from rcmqp.dualquaternion import Array
 
 PERIODS = (0.001, 0.002, 0.004, 0.008)
 
-SPEED_TIME, ACCELERATION_TIME = 0.5, 0.05
-"""Limits that are not published: to full speed and to full acceleration in these times [s]."""
-
 SHARE = 0.7
 """Of acceleration and jerk in the plainest stop; the rest is for the way that the arm bends."""
 
@@ -62,13 +59,8 @@ class Stop:
 
 
 def limited(name: str) -> Insertion:
-    """An arm with all limits, its instrument in a trocar."""
-    arm = load_arm(name)
-    known = np.isfinite(arm.acceleration)
-    arm.acceleration = np.where(known, arm.acceleration, arm.velocity / SPEED_TIME)
-    known = np.isfinite(arm.jerk)
-    arm.jerk = np.where(known, arm.jerk, arm.acceleration / ACCELERATION_TIME)
-    return Insertion.on_shaft(arm, Instrument())
+    """An arm with the limits that it has or that are assumed, its instrument in a trocar."""
+    return Insertion.on_shaft(load_arm(name), Instrument())
 
 
 def across(state: ArmState, depth: float) -> Array:

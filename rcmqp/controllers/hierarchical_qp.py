@@ -34,6 +34,13 @@ DEPTH_DECELERATION = 0.2
 OBSTACLE_DECELERATION = 0.2
 """What the instrument may be slowed down with before an obstacle [m/s^2]."""
 
+ABLE = 3.5
+"""Acceleration limit of the weakest joint from which an arm can do these [rad/s^2].
+
+The decelerations of a weaker arm are in proportion: its joints' limits come first, and with 0.2
+m/s^2 the LWA3 (1.7 rad/s^2) went 0.5 mm past the end of its depth range.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class HierarchicalQP(Controller):
@@ -263,13 +270,15 @@ def _residuals(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
 
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:
     """Joint limits, the trocar's cone and depth range, and the obstacles of the scene."""
+    share = min(1.0, float(insertion.arm.acceleration.min()) / ABLE)
+    cone, depth, obstacle = (
+        share * most for most in (CONE_DECELERATION, DEPTH_DECELERATION, OBSTACLE_DECELERATION)
+    )
     return (
         JointLimits(insertion.arm, period),
-        TrocarCone(insertion.trocar, gain=gain, deceleration=CONE_DECELERATION),
-        TrocarDepth(
-            insertion.trocar, insertion.tip_depth, gain=gain, deceleration=DEPTH_DECELERATION
-        ),
-        *KeepOut.obstacles(insertion, gain=gain, deceleration=OBSTACLE_DECELERATION),
+        TrocarCone(insertion.trocar, gain=gain, deceleration=cone),
+        TrocarDepth(insertion.trocar, insertion.tip_depth, gain=gain, deceleration=depth),
+        *KeepOut.obstacles(insertion, gain=gain, deceleration=obstacle),
     )
 
 
