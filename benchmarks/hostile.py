@@ -102,8 +102,7 @@ def hostile(controller: Controller, steps: int, seed: int) -> Found:
         found.longest = max(found.longest, 1e-3 * (time.process_time_ns() - begin))
         found.stops += bool(answer.stop)
         found.not_finite += not np.isfinite(answer.v).all()
-        held = np.maximum(most, np.nan_to_num(np.abs(state.v), posinf=0.0))
-        found.beyond += controller.name in LIMITED and bool((np.abs(answer.v) > held).any())
+        found.beyond += controller.name in LIMITED and bool((np.abs(answer.v) > most).any())
     return found
 
 

@@ -178,7 +178,7 @@ def damped_levels(p: Problem, guarded: int) -> list[Stacked]:
     Without bounds, where the answer keeps the box; otherwise inside it.
     """
     n = p.bounds.lower.size
-    free = one_by_one(Problem(p.levels, Bounds(np.full(n, -np.inf), np.full(n, np.inf))), 0)
+    free = one_by_one(Problem(p.levels, Bounds(np.full(n, -np.inf), np.full(n, np.inf))), guarded)
     inside = (free[-1].v <= p.bounds.upper + 1e-12) & (free[-1].v >= p.bounds.lower - 1e-12)
     return free if inside.all() else one_by_one(p, guarded, free)
 

@@ -77,9 +77,11 @@ class HierarchicalQP(Controller):
       ordinary run loses less than 0.001 mm. It takes over where a level is near a singularity, or
       blocked by a bound, and there keeps v from jumping with the state, the reference and the
       bounds. Without it the optimum jumps from vertex to vertex, and the arm never comes to rest.
-      v is continuous in all of these; its slope in the angles, measured on lines through singular
-      and blocked states of four arms, is at most 5e4 rad/s per rad, but for one in 480, where two
-      joints are left to the RCM alone, with 8e5.
+      With the default levels v is continuous in all of these while the RCM is reached and no hard
+      row is in the way; its slope in the angles, measured on lines through singular and blocked
+      states of four arms, is at most 1e5 rad/s per rad on 478 of 480, and 8e5 where two joints are
+      left to the RCM alone. Where hard rows first keep the RCM from its goal, or the box does, v
+      may jump, within the joints' limits of acceleration and jerk.
     - A lower level is held to what a damped one has reached, except in directions in which that
       one gains less than 0.03 mm/s, or 0.1 mrad/s, at 1 rad/s.
     - A strict level below damped ones, as the objective, gives way where these are not served: it

@@ -13,6 +13,10 @@
  * may be rounding. It stays an inequality. */
 #define FROZEN 1e-9
 
+/* Rounding in the gradient |H|^2 |v| of the heavy rows that hold damped levels, over EXACT
+ * (hierarchy.c). */
+#define HEAVY_NOISE 1e-6
+
 /* Euclidean norm, roughly so where squares over- or underflow. */
 double norm_of(const double *x, int count)
 {
@@ -395,8 +399,9 @@ double kkt_residual(const State *state, const Level *level, const double *v, con
     if (level->damping > 0.0) scale += add_gradient(speed, still, free, v, n, gradient);
     double *held = take(arena, state->held);
     for (int i = 0; i < state->held; ++i) held[i] = held_to(state, level, i);
-    scale += add_gradient(state->H, held, state->held, v, n, gradient);
-    scale = larger(scale, small);
+    const double weight = norm_of(state->H, state->held * n);
+    add_gradient(state->H, held, state->held, v, n, gradient);
+    scale = larger(scale, small) + HEAVY_NOISE * weight * weight * norm_of(v, n);
     for (int i = 0; i < state->N; ++i) {
         const double lam = multipliers[i];
         if (lam == 0.0) continue;

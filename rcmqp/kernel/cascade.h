@@ -31,8 +31,9 @@
  * with v_j what the damped levels above have reached, and s going from one to zero as v0 leaves the
  * box, so that joints in the way do not drive others that gain nothing. Every step is a projection
  * on a convex set in a norm that changes continuously; where v0 keeps the bounds, all steps stay
- * there. So the answer is continuous in everything, through the change from one form to the other
- * too. In the directions that the bounds leave, a singular value sigma loses
+ * there. So the answer is continuous through the change from one form to the other too. It is not
+ * where hard rows change places with a guarded level (hierarchy.h), where a guarded level cannot be
+ * reached inside the box, or with a strict level between damped ones or two strict ones below. In the directions that the bounds leave, a singular value sigma loses
  * (d^2 / (d^2 + sigma^2))^PROXIMAL of what is to be made up for.
  *
  * A damped level takes nothing out of Z; the last term holds later levels to what it has reached.

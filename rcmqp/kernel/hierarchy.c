@@ -50,6 +50,7 @@ typedef struct {
     double *aim;     /* (rows) A v of the closed form's v, for damped levels inside bounds; b else */
     double *open;    /* (n) v of the closed form */
     double *offsets; /* (levels + 1, n) what the levels below changed in the closed form */
+    int *doubts;     /* (levels + 1) 1 where a step before the last is not proved */
 } Descent;
 
 /* Numbers of scratch memory that solve_hierarchy() never exceeds. */
@@ -82,7 +83,7 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
                     (int *)take(arena, levels + 1), take(arena, (levels + 1) * n),
                     take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1),
                     take(arena, levels + 1), take(arena, (levels + 1) * n), take(arena, rows),
-                    take(arena, n), take(arena, (levels + 1) * n)};
+                    take(arena, n), take(arena, (levels + 1) * n), (int *)take(arena, levels + 1)};
     State *state = &made.state;
     double largest = 0.0;
     made.damping[0] = 0.0;
@@ -113,6 +114,7 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
         state->upper[n + i] = hierarchy->d[i] / made.unit / by;
     }
     for (int i = 0; i < rows; ++i) made.aim[i] = made.goal[i] = hierarchy->b[i] / made.unit;
+    for (int k = 0; k <= levels; ++k) made.doubts[k] = 0;
     memset(made.stills, 0, sizeof(double) * (size_t)((levels + 1) * n));
     for (int i = 0; i < rows * n; ++i)
         made.A[i] = fabs(hierarchy->A[i]) < RESOLUTION ? 0.0 : hierarchy->A[i];
@@ -187,13 +189,20 @@ static void give_way(const Hierarchy *hierarchy, Descent *descent, const double 
     for (int i = first; i < first + rows; ++i) descent->aim[i] = share * descent->goal[i];
 }
 
+/* Whether a level is guarded, and so damped where so much of it is left. */
+static int unreached(const Hierarchy *hierarchy, const Level *level, int k, double left)
+{
+    return k <= hierarchy->guarded && level->damping == 0.0 && left > REACHED_TOL &&
+           left < LARGEST;
+}
+
 /* All levels in closed form, as if there were no bounds. Returns 1 where v keeps them all;
  * otherwise v is where it leads, brought into the box. */
 static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = hierarchy->n, N = descent->state.N, square = n * n;
-    double *start = take(arena, n), *none = take(arena, N);
+    double *start = take(arena, n), *before = take(arena, n), *none = take(arena, N);
     State open = descent->state;
     int fits = 1, rounds;
     memcpy(start, open.v, sizeof(double) * (size_t)n);
@@ -203,10 +212,21 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     for (int k = 0; k <= hierarchy->levels && fits; ++k) {
         begin_level(descent, &open, k);
         if (k > 0) {
+            double *speed = descent->speeds + k * square, *still = descent->stills + k * n;
+            memcpy(before, open.v, sizeof(double) * (size_t)n);
             give_way(hierarchy, descent, open.v, k);
-            const Level level = level_of(hierarchy, descent, descent->aim, k);
-            fits = descend(&open, &level, 1, none, 1, descent->speeds + k * square,
-                           descent->stills + k * n, none, &rounds, arena) == CLOSED_FORM;
+            Level level = level_of(hierarchy, descent, descent->aim, k);
+            Route route = descend(&open, &level, 1, none, 1, speed, still, none, &rounds, arena);
+            const double left = missing(&level, open.v, n) * descent->unit;
+            if (route == CLOSED_FORM && unreached(hierarchy, &level, k, left)) {
+                level.damping = descent->damping[k] = unreached_damping(left);
+                open.free = descent->frees[k];
+                memcpy(open.v, before, sizeof(double) * (size_t)n);
+                memcpy(open.Z, descent->Zs + k * square, sizeof(double) * (size_t)square);
+                route = descend(&open, &level, 1, none, 1, speed, still, none, &rounds, arena);
+                keep_exactly(&open, &level, descent->helds[k], arena);
+            }
+            fits = route == CLOSED_FORM || route == KEPT;
         }
         end_level(descent, &open, k);
     }
@@ -227,7 +247,11 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     }
     for (int i = 0; i < n; ++i)
         open.v[i] = smaller(larger(open.v[i], open.lower[i]), open.upper[i]);
-    if (fits) descent->state.held = open.held;
+    if (fits)
+        descent->state.held = open.held;
+    else /* inside the bounds, guarded levels are tried as they are */
+        memcpy(descent->damping + 1, hierarchy->damping,
+               sizeof(double) * (size_t)hierarchy->levels);
     for (int i = n; i < N && !fits; ++i) /* out of the hard rows is no good place to start */
         if (dot(open.G + i * n, open.v, n) > open.upper[i]) {
             memcpy(open.v, start, sizeof(double) * (size_t)n);
@@ -333,8 +357,7 @@ static Route serve_strict(Work *work, int k, int *rounds, Arena *arena)
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
     const Route route = serve_once(work, &level, k, work->propose != NULL, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit;
-    if (!(k <= work->hierarchy->guarded && route != KEPT && left > REACHED_TOL && left < LARGEST))
-        return route;
+    if (route == KEPT || !unreached(work->hierarchy, &level, k, left)) return route;
     level.damping = descent->damping[k] = unreached_damping(left);
     go_back(descent, work->before, k);
     memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
@@ -365,6 +388,7 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
     double *multipliers = multipliers_of(work, k);
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
     Route route = CLOSED_FORM;
+    if (!(norm_of(aim, level.m) < LARGEST)) return KEPT;
     for (int i = 0; i < level.m; ++i) aim[i] = dot(level.A + i * n, descent->open, n);
     const double share = inside(descent);
     for (int i = 0; i < n; ++i) from[i] = share * descent->open[i];
@@ -380,6 +404,7 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
         }
         route = serve_once(work, &level, k, step == 0 && work->propose != NULL, &used, arena);
         *rounds += used;
+        if (step + 1 < PROXIMAL && route >= UNVERIFIED) descent->doubts[k] = 1;
     }
     return route;
 }
@@ -494,8 +519,9 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
                                         solution->residual + first);
         }
         info[KKT] = kkt = larger(kkt, over);
-        if (info[ROUTE] <= ACTIVE_SET && !(kkt <= EXACT)) info[ROUTE] = UNVERIFIED;
-        if (info[ROUTE] == UNVERIFIED && kkt <= EXACT) info[ROUTE] = ACTIVE_SET;
+        const int proved = kkt <= EXACT && !descent->doubts[k];
+        if (info[ROUTE] <= ACTIVE_SET && !proved) info[ROUTE] = UNVERIFIED;
+        if (info[ROUTE] == UNVERIFIED && proved) info[ROUTE] = ACTIVE_SET;
         for (int i = n; i < N; ++i)
             if (state->norms[i] > 0.0) multipliers[i] /= state->norms[i];
     }

@@ -29,7 +29,7 @@ class Level:
 
     Raises:
         InvalidProblem: the sizes do not belong together, a number is not finite, or the damping
-            is negative.
+            is neither zero nor from 1e-9 to 1e3.
     """
 
     A: Array
@@ -44,9 +44,9 @@ class Level:
         object.__setattr__(self, "A", matrix)
         object.__setattr__(self, "b", checked(b, (len(matrix),), f"b of level {name!r}"))
         object.__setattr__(self, "name", name)
-        if damping != 0.0 and not 1e-9 <= damping <= 1e9:
+        if damping != 0.0 and not 1e-9 <= damping <= 1e3:
             raise InvalidProblem(
-                f"damping of level {name!r} is {damping}; give 0, or a number from 1e-9 to 1e9"
+                f"damping of level {name!r} is {damping}; give 0, or a number from 1e-9 to 1e3"
             )
         object.__setattr__(self, "damping", float(damping))
 
@@ -127,9 +127,11 @@ class LevelResult:
         name: the level's.
         route: how it was answered.
         residual: (m,) A v - b at the final v.
-        reached: |A v - b| is zero to 1e-9 of the level's size.
-        kkt: residual of the level's optimality conditions at the final v, see
-            ``Hierarchy``.
+        reached: |A v - b| is zero to 1e-9 of the level's size, or to a hundredth of its damping.
+        kkt: residual of the level's optimality conditions, see ``Hierarchy``. Of a damped level
+            and those below it, at its own optimum, and of the problem that it became: inside
+            bounds with the goal of its last proximal step, and of a strict one below with what is
+            left of b. So an exact level may have a large residual.
         multipliers: (n + m,) of box and hard rows at this level, in the rows' own units,
             positive at upper bounds: what they keep the level from. Zero for the rest.
         rounds: active-set rounds spent after the backend.

@@ -66,7 +66,7 @@ class Residual:
 DAMPING = {"m": 0.01, "rad": 0.03}
 """What 1 rad/s must gain to be worth it, by the unit of a task's error: 10 mm/s, 30 mrad/s."""
 
-DAMPINGS = 1e-6, 1e6
+DAMPINGS = 1e-6, 1e3
 """Least and largest damping of a level that is not strict: beyond them rounding decides."""
 
 
