@@ -15,7 +15,7 @@
 
 /* Rounding in the gradient |H|^2 |v| of the heavy rows that hold damped levels, over EXACT
  * (hierarchy.c). */
-#define HEAVY_NOISE 1e-6
+#define HEAVY_NOISE 4e-6
 
 /* Euclidean norm, roughly so where squares over- or underflow. */
 double norm_of(const double *x, int count)
