@@ -270,7 +270,7 @@ def row_of(run: Run) -> Row:
     values = {name: value for name, value in found.items() if name in names}
     values |= given_cells(run.head)
     ratios = (found[f"{name}_ratio_max"] for name in ("speed", "acceleration", "jerk"))
-    kept = not any(ratio > 1.0 + ROUNDING for ratio in ratios)  # NaN: there is no limit
+    kept = not any(ratio > 1.0 + ROUNDING for ratio in ratios)  # NaN where the arm has no limit
     speed = np.linalg.norm(np.diff(run.tip, axis=0), axis=1) / run.period
     return Row(
         run.scenario.name,

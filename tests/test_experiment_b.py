@@ -63,7 +63,7 @@ def test_the_readmes_people_are_those_of_the_study(tmp_path: Path) -> None:
     for label, name, paper in (
         ("completion time [s]", "completion_s", "68.03 ± 30.58"),
         ("effector error (shaft at the trocar), rms [mm]", "effector_rms_mm", "0.3398 ± 0.0163"),
-        ("tip error (camera), rms [mm]", "tip_rms_mm", "not told apart"),
+        ("tip error (camera), rms [mm]", "tip_rms_mm", "not given"),
         ("RCM error, rms [mm]", "rcm_rms_mm", "0.0071 ± 0.0071"),
         ("least distance to the obstacle, camera [mm]", "obstacle_tip_mm", "12.52 ± 5.03"),
     ):
@@ -74,7 +74,7 @@ def test_the_readmes_people_are_those_of_the_study(tmp_path: Path) -> None:
         assert deviation == pytest.approx(np.std(values, ddof=1), rel=0.3), label
     for label, name, paper in (
         ("effector error, largest [mm]", "effector_max_mm", "4.82"),
-        ("tip error, largest [mm]", "tip_max_mm", "not told apart"),
+        ("tip error, largest [mm]", "tip_max_mm", "not given"),
         ("RCM error, largest [mm]", "rcm_max_mm", "0.37"),
     ):
         most = max(getattr(o, name) for o in found)

@@ -44,7 +44,7 @@ def make_controller(name: str, insertion: Insertion, period: float, **options: A
         options: its own fields.
 
     Raises:
-        UnknownName: there is no such controller, or it has no such option.
+        UnknownName: the controller is not known, or does not have the option.
         OptionError: an option's value is not allowed, or the class goes by another name.
     """
     name = name.replace("-", "_")

@@ -17,7 +17,7 @@ def controller_of(setting: str) -> tuple[str, dict[str, Any]]:
     """Name and options of a controller out of its setting; hyphens in a name are underscores.
 
     Raises:
-        UnknownName: there is no such controller, or it has no such option.
+        UnknownName: the controller is not known, or does not have the option.
         OptionError: an option has no value, a value of the wrong kind, or comes twice.
     """
     name, _, options = setting.partition(":")

@@ -30,7 +30,7 @@ def make_limit(name: str, insertion: Insertion, period: float, **options: Any) -
     """Make a limit by name; what the insertion knows need not be given.
 
     Raises:
-        UnknownName: there is no such limit, or it has no such option.
+        UnknownName: the limit is not known, or does not have the option.
         OptionError: an option is missing or its value is not allowed, or a damper's gain is too
             high for the period.
     """

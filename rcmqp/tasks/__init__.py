@@ -38,7 +38,7 @@ def make_task(name: str, insertion: Insertion, **options: Any) -> Task:
     """Make a task by name; what the insertion knows need not be given.
 
     Raises:
-        UnknownName: there is no such task, or it has no such option.
+        UnknownName: the task is not known, or does not have the option.
         OptionError: an option's value is not allowed.
     """
     check_name("task", name, TASKS, options)
