@@ -25,7 +25,7 @@ from rcmqp import (
     make_controller,
     simulate,
 )
-from rcmqp.paths import ViewMoves, ViewSteps
+from rcmqp.references.paths import ViewMoves, ViewSteps
 
 LAWS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("pose_error", {}),

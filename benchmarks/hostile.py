@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp import Controller, Insertion, Reference, load_scenario, make_controller
-from rcmqp.arm import ArmState
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.qp.hierarchy import hierarchy_backends
+from rcmqp.world.arm import ArmState
 
 ABSURD = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, -1e200, 1e50, -1e12, 1e6, 1e-200, 0.0)
 """What takes the place of a number."""

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from rcmqp import load_scenario, make_controller, simulate
-from rcmqp.paths import ConicalHelix
-from rcmqp.viewer import write_page
-from rcmqp.viewer.browser import browser, open_page
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.show.viewer import write_page
+from rcmqp.show.viewer.browser import browser, open_page
 
 HEADS = ("arm", "size [MB]", "scene drawn, play reacts [s]", "plots too [s]", "frames/s", "idle")
 PLAYED = 3000  # how long frames are counted [ms]

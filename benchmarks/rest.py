@@ -38,10 +38,10 @@ from rcmqp import (
     scenario_names,
     simulate,
 )
-from rcmqp.behaviour import SETTLED
 from rcmqp.controllers import CONTROLLERS, controller_options
-from rcmqp.operators import STEERED
-from rcmqp.paths import ViewMoves
+from rcmqp.references.operators import STEERED
+from rcmqp.references.paths import ViewMoves
+from rcmqp.runs.behaviour import SETTLED
 
 View = tuple[float, float, float, float]
 

@@ -29,9 +29,9 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from rcmqp import Arm, Insertion, Instrument, arm_names, load_arm
-from rcmqp.arm import ArmState
-from rcmqp.braking import braking, nearest
-from rcmqp.dualquaternion import Array
+from rcmqp.controllers.braking import braking, nearest
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.arm import ArmState
 
 PERIODS = (0.001, 0.002, 0.004, 0.008)
 

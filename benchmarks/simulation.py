@@ -12,11 +12,11 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported
 
 import rcmqp
-from rcmqp.compare import cases, compare
 from rcmqp.controllers import Controller
-from rcmqp.loading import arm_names
-from rcmqp.reference import Reference
-from rcmqp.simulate import record
+from rcmqp.experiments.compare import cases, compare
+from rcmqp.references.view import Reference
+from rcmqp.runs.simulate import record
+from rcmqp.world.loading import arm_names
 
 LAWS = ("dual_quaternion", "hierarchical_qp")
 

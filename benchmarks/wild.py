@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from rcmqp import arm_names, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp.paths import ViewMoves
+from rcmqp.references.paths import ViewMoves
 
 LOW, HIGH = (-0.6, -0.6, -3.0, -0.05), (0.6, 0.6, 3.0, 0.08)
 """Of alpha, beta, gamma [rad] and t_z [m]."""

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 import rcmqp
-from rcmqp.dualquaternion import Array, align_sign, from_se3, to_se3
-from rcmqp.insertion import rcm_error
-from rcmqp.reference import ViewCommand, view_of_tip
-from rcmqp.smooth import step
+from rcmqp.maths.dualquaternion import Array, align_sign, from_se3, to_se3
+from rcmqp.maths.smooth import step
+from rcmqp.references.view import ViewCommand, view_of_tip
+from rcmqp.world.insertion import rcm_error
 
 ARM = "panda"
 PERIOD = 1e-3  # [s]

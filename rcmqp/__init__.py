@@ -1,19 +1,19 @@
 """RCM control of serial arms: the trocar as a task, on Pinocchio."""
 
-from rcmqp.arm import Arm, ArmState
 from rcmqp.controllers import Command, Controller, make_controller
 from rcmqp.errors import RcmqpError
-from rcmqp.insertion import Insertion
-from rcmqp.instrument import Camera, Instrument, Trocar
-from rcmqp.loading import arm_names, load_arm
-from rcmqp.metrics import Metrics, compute_metrics
-from rcmqp.reference import Reference, ViewCommand, view_pose
-from rcmqp.run import Run
-from rcmqp.run_file import RunFile
-from rcmqp.scenario import Scenario
-from rcmqp.scenario_loading import load_scenario, scenario_names
-from rcmqp.simulate import record, simulate
-from rcmqp.start import find_start
+from rcmqp.references.view import Reference, ViewCommand, view_pose
+from rcmqp.runs.loading import load_scenario, scenario_names
+from rcmqp.runs.metrics import Metrics, compute_metrics
+from rcmqp.runs.run import Run
+from rcmqp.runs.run_file import RunFile
+from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.simulate import record, simulate
+from rcmqp.world.arm import Arm, ArmState
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Camera, Instrument, Trocar
+from rcmqp.world.loading import arm_names, load_arm
+from rcmqp.world.start import find_start
 
 __version__ = "0.1.0"
 

@@ -13,8 +13,8 @@ import dataclasses
 import math
 
 from rcmqp import Scenario
-from rcmqp.motions import Breathing
-from rcmqp.paths import Circle
+from rcmqp.references.paths import Circle
+from rcmqp.world.motions import Breathing
 
 TILT = math.radians(30.0)
 """Between the shaft at the start and the normal of the abdominal wall."""

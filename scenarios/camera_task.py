@@ -1,10 +1,10 @@
 """Experiment B of the paper: an operator finds four views with the camera, past an obstacle.
 
-The operator is a model (rcmqp.operators): no human study. The paper gives the spheres' square of
-5 cm, the order of the views, the tolerance of 1 mm, the obstacle's place and that the hand's
-translations become (t_z, alpha, beta). It leaves open, and CameraTask, HandMapping and Omega7
-say what is taken: where camera and spheres stand, the size of the spheres, the scale from hand
-to camera, the device's viscosity, the sampling period, which arm, and from where to where the
+The operator is a model (rcmqp.references.operators): no human study. The paper gives the spheres'
+square of 5 cm, the order of the views, the tolerance of 1 mm, the obstacle's place and that the
+hand's translations become (t_z, alpha, beta). It leaves open, and CameraTask, HandMapping and
+Omega7 say what is taken: where camera and spheres stand, the size of the spheres, the scale from
+hand to camera, the device's viscosity, the sampling period, which arm, and from where to where the
 distance to the obstacle is measured.
 
 The tip starts 10 cm inside, where the helix of experiment A does, and from where all spheres and
@@ -21,10 +21,10 @@ import math
 import numpy as np
 
 from rcmqp import Instrument, Scenario, load_arm
-from rcmqp.insertion import Insertion
-from rcmqp.instrument import vector3
-from rcmqp.operators import CameraTrial
-from rcmqp.scene import Sphere
+from rcmqp.references.operators import CameraTrial
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import vector3
+from rcmqp.world.obstacles import Sphere
 
 DEPTH = 0.10
 """How far the tip is inside at the start [m]."""

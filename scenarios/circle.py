@@ -7,7 +7,7 @@ here finds fast.
 from __future__ import annotations
 
 from rcmqp import Scenario
-from rcmqp.paths import Circle
+from rcmqp.references.paths import Circle
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:

@@ -11,7 +11,7 @@ import dataclasses
 import math
 
 from rcmqp import Scenario
-from rcmqp.paths import ViewMoves
+from rcmqp.references.paths import ViewMoves
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rcmqp import Instrument, Scenario, Trocar, find_start, load_arm
-from rcmqp.insertion import Insertion
-from rcmqp.paths import ConicalHelix
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.world.insertion import Insertion
 
 DEPTH = 0.10
 """How far the tip is inside at the start [m]."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 from rcmqp import Scenario, load_scenario
-from rcmqp.paths import ViewSteps
+from rcmqp.references.paths import ViewSteps
 
 TILT = math.radians(5.0)
 """To the right [rad]."""

@@ -15,7 +15,7 @@ import functools
 import numpy as np
 
 from rcmqp import Scenario, make_controller, simulate
-from rcmqp.paths import ConicalHelix
+from rcmqp.references.paths import ConicalHelix
 
 SHARE = 0.75
 """Of the helix's time, what asks for more than a joint's speed limit."""

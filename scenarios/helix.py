@@ -7,7 +7,7 @@ tip runs at 20 mm/s, as in experiment A, which no arm here finds fast.
 from __future__ import annotations
 
 from rcmqp import Scenario
-from rcmqp.paths import ConicalHelix
+from rcmqp.references.paths import ConicalHelix
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:

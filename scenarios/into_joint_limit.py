@@ -16,8 +16,8 @@ import math
 import numpy as np
 
 from rcmqp import Insertion, Instrument, Scenario, load_arm
-from rcmqp.dualquaternion import Array
-from rcmqp.paths import ViewMoves
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.paths import ViewMoves
 
 MARGIN = 0.1
 """Of the joint from its limit, at the start [rad]."""

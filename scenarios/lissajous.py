@@ -8,7 +8,7 @@ in 10 s.
 from __future__ import annotations
 
 from rcmqp import Scenario
-from rcmqp.paths import Lissajous
+from rcmqp.references.paths import Lissajous
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:

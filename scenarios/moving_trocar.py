@@ -13,8 +13,8 @@ from __future__ import annotations
 import dataclasses
 
 from rcmqp import Scenario
-from rcmqp.motions import Sinusoid
-from rcmqp.paths import ViewSteps
+from rcmqp.references.paths import ViewSteps
+from rcmqp.world.motions import Sinusoid
 
 
 def scenario(

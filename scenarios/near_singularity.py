@@ -16,9 +16,9 @@ import functools
 import numpy as np
 
 from rcmqp import Arm, Insertion, Instrument, Scenario, load_arm, make_controller, simulate
-from rcmqp.dualquaternion import Array
-from rcmqp.objectives import LeastSingularValue
-from rcmqp.paths import ViewMoves
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.paths import ViewMoves
+from rcmqp.tasks.objectives import LeastSingularValue
 
 AT_START = 0.08
 NEAREST = 0.02

@@ -12,9 +12,9 @@ import dataclasses
 import numpy as np
 
 from rcmqp import Scenario
-from rcmqp.instrument import vector3
-from rcmqp.paths import ViewMoves
-from rcmqp.scene import Sphere
+from rcmqp.references.paths import ViewMoves
+from rcmqp.world.instrument import vector3
+from rcmqp.world.obstacles import Sphere
 
 CENTRE = (0.02, 0.0, 0.11)
 """Of the ball, seen from the trocar in the axes of the shaft at the start [m]."""

@@ -10,8 +10,8 @@ acceleration limits saturate it.
 from __future__ import annotations
 
 from rcmqp import Scenario
-from rcmqp.paths import ConicalHelix
 from rcmqp.plants import Servo
+from rcmqp.references.paths import ConicalHelix
 
 SERVO = Servo(
     time_constant=5e-3,

@@ -8,7 +8,7 @@ turns of experiment A's helix, at its speed of 20 mm/s, in 10 s.
 from __future__ import annotations
 
 from rcmqp import Scenario
-from rcmqp.paths import ConicalHelix
+from rcmqp.references.paths import ConicalHelix
 
 
 def scenario(arm: str = "ur5", *, flange: str | None = None) -> Scenario:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rcmqp import Scenario
-from rcmqp.scenario_loading import scenario_module
+from rcmqp.runs.loading import scenario_module
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:

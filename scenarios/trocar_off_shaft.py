@@ -12,8 +12,8 @@ import dataclasses
 import numpy as np
 
 from rcmqp import Scenario
-from rcmqp.instrument import vector3
-from rcmqp.paths import ViewMoves
+from rcmqp.references.paths import ViewMoves
+from rcmqp.world.instrument import vector3
 
 OFFSET = (-0.003, 0.004, 0.0)
 """Where the trocar is, seen from the point of the shaft where it should be [m]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rcmqp import Scenario
-from rcmqp.paths import ViewSteps
+from rcmqp.references.paths import ViewSteps
 
 
 def scenario(arm: str = "lwa3", *, flange: str | None = None) -> Scenario:

@@ -11,8 +11,8 @@ from oracle import Problem, damped_levels, stack, unproved
 
 from rcmqp import ArmState, Insertion, Reference, load_scenario
 from rcmqp.controllers import HierarchicalQP
-from rcmqp.dualquaternion import P, from_se3, mul, quaternion_mul
 from rcmqp.limits import JointLimits, combine
+from rcmqp.maths.dualquaternion import P, from_se3, mul, quaternion_mul
 from rcmqp.qp import HierarchySolution
 
 ARMS = ("lwa3", "panda", "ur5", "kinova")

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
 
 assert_allclose = np.testing.assert_allclose
 

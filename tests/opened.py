@@ -13,9 +13,9 @@ import matplotlib.image
 import numpy as np
 
 from rcmqp import Run
-from rcmqp.dualquaternion import Array
-from rcmqp.viewer.browser import browser, open_page
-from rcmqp.viewer.build import write_page
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.viewer.browser import browser, open_page
+from rcmqp.show.viewer.build import write_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -19,7 +19,7 @@ from scipy.linalg import null_space
 from scipy.optimize import lsq_linear, nnls
 
 import rcmqp
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Bounds, Level
 
 AT_BOUND = 1e-9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.tasks.base import Approach
 
 T, GAIN, DAMPING = 1e-3, 60.0, 0.01

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from rcmqp import Arm, ArmState, load_arm
-from rcmqp.arm import kinematic_hessian
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import FrameNotFound, InvalidCommand, JointLimitViolated, OptionError
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.arm import kinematic_hessian
 
 
 def along_joints(arm: Arm, q: Array, f: Callable[[ArmState], ArrayLike]) -> Array:

@@ -15,9 +15,9 @@ import pytest
 from helpers import assert_allclose, robot_toml
 
 from rcmqp import Arm, arm_names, load_arm, load_scenario, make_controller, simulate
-from rcmqp.arm_limits import ArmLimits, SpeedNearLimits
-from rcmqp.braking import braking
+from rcmqp.controllers.braking import braking
 from rcmqp.errors import ArmError, OptionError, RcmqpError
+from rcmqp.world.arm_limits import ArmLimits, SpeedNearLimits
 
 ELBOW, WRIST = "elbow_joint", "wrist_1_joint"
 
@@ -333,7 +333,7 @@ def test_robot_toml_can_have_speeds_near_the_limits(
     panda = importlib.resources.files("rcmqp.robots") / "panda" / "robot.toml"
     (tmp_path / "fr3").mkdir()
     (tmp_path / "fr3/robot.toml").write_text(panda.read_text(encoding="utf-8") + FR3)
-    monkeypatch.setattr("rcmqp.loading._robots", lambda: tmp_path)
+    monkeypatch.setattr("rcmqp.world.loading._robots", lambda: tmp_path)
     arm = load_arm("fr3")
     assert arm.speed_near_limits == fr3_limits()
     assert arm.limits_by_hand == ArmLimits()

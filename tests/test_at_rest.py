@@ -9,7 +9,7 @@ import pytest
 
 from rcmqp import load_scenario, simulate
 from rcmqp.controllers import HierarchicalQP
-from rcmqp.paths import ViewMoves
+from rcmqp.references.paths import ViewMoves
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask
 
 MOVE, HOLD = 4.0, 8.0

@@ -33,12 +33,15 @@ from rcmqp import (
     simulate,
     view_pose,
 )
-from rcmqp import dualquaternion as dq
 from rcmqp.controllers import Aghakhani, TaskPriority, VfiQP
-from rcmqp.dualquaternion import Array
+from rcmqp.controllers.task_reconstruction import (
+    TaskReconstruction,
+    manipulability,
+    shaft_jacobian,
+)
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.objectives import Manipulability, make_objective
-from rcmqp.paths import ConicalHelix
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import (
     QP,
     Bounds,
@@ -49,7 +52,8 @@ from rcmqp.qp import (
     get_solver,
 )
 from rcmqp.qp.levels import ROUTES, Route
-from rcmqp.task_reconstruction import TaskReconstruction, manipulability, shaft_jacobian
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.tasks.objectives import Manipulability, make_objective
 
 PERIOD = 8e-3
 ARMS = ["lwa3", "meka_a2", "ur5"]

@@ -22,14 +22,14 @@ from rcmqp import (
     make_controller,
     simulate,
 )
-from rcmqp import dualquaternion as dq
-from rcmqp.behaviour import LEAST_REST, Behaviour, growth, standstill, streaks
-from rcmqp.console import _after_the_stop, _path_end, warnings
-from rcmqp.dualquaternion import Array
-from rcmqp.governor import Governor
-from rcmqp.metrics import AFTER_THE_STOP
-from rcmqp.operators import CameraTrial
-from rcmqp.paths import Foreign, ViewSteps
+from rcmqp.cli.console import _after_the_stop, _path_end, warnings
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.governor import Governor
+from rcmqp.references.operators import CameraTrial
+from rcmqp.references.paths import Foreign, ViewSteps
+from rcmqp.runs.behaviour import LEAST_REST, Behaviour, growth, standstill, streaks
+from rcmqp.runs.metrics import AFTER_THE_STOP
 
 T = 0.05
 LIMIT = np.array([0.5, 4.0])
@@ -167,7 +167,7 @@ def test_the_stop_is_found_in_any_block(monkeypatch: pytest.MonkeyPatch) -> None
     run = stopping_at_20([])
     pivot = along([float(min(k, 4)) for k in range(ROWS)])
     for block in (1, 7, 10, 100):
-        monkeypatch.setattr("rcmqp.behaviour.BLOCK", block)
+        monkeypatch.setattr("rcmqp.runs.behaviour.BLOCK", block)
         stop = standstill(run.x_d, pivot)
         assert (stop.reference, stop.trocar) == (20, 4)
 

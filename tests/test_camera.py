@@ -11,15 +11,15 @@ from helpers import assert_allclose, random_placement
 from matplotlib.path import Path as Outline
 
 from rcmqp import Camera, load_scenario
-from rcmqp import dualquaternion as dq
-from rcmqp.camera import BACKGROUND, NOTHING, OUTSIDE, Pinhole, camera_pose, in_camera
-from rcmqp.dualquaternion import Array, from_se3, to_se3
 from rcmqp.errors import OptionError
-from rcmqp.operators import CameraTrial
-from rcmqp.palette import SPHERES
-from rcmqp.reference import view_pose
-from rcmqp.scene import Sphere
-from rcmqp.study.figures import views
+from rcmqp.experiments.study.figures import views
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array, from_se3, to_se3
+from rcmqp.references.operators import CameraTrial
+from rcmqp.references.view import view_pose
+from rcmqp.show.palette import SPHERES
+from rcmqp.world.camera import BACKGROUND, NOTHING, OUTSIDE, Pinhole, camera_pose, in_camera
+from rcmqp.world.obstacles import Sphere
 
 
 def silhouette(c: Array, radius: float, focal_length: float, size: int) -> Outline:

@@ -9,10 +9,10 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import Run, Scenario, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp import dualquaternion as dq
-from rcmqp.camera_task import CameraTask, clearance, reached
-from rcmqp.operators import CameraTrial, Operator
-from rcmqp.scene import Sphere
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.operators import CameraTrial, Operator
+from rcmqp.references.operators.camera_task import CameraTask, clearance, reached
+from rcmqp.world.obstacles import Sphere
 
 QUICK = Operator(recognition=0.0)
 

@@ -26,10 +26,10 @@ from rcmqp import (
     simulate,
 )
 from rcmqp.cli import main
-from rcmqp.console import _summary, warnings
+from rcmqp.cli.console import _summary, warnings
 from rcmqp.controllers import CONTROLLERS, controller_options
-from rcmqp.governor import Governor
-from rcmqp.metrics import AFTER_THE_STOP
+from rcmqp.references.governor import Governor
+from rcmqp.runs.metrics import AFTER_THE_STOP
 
 Call: TypeAlias = Callable[..., tuple[int, str, str]]
 
@@ -192,8 +192,8 @@ def test_what_is_written_is_named_as_it_is(
     folder = tmp_path / "a[b]" / "c[/b] :x:"
     folder.mkdir(parents=True)
     made = SimpleNamespace(table="", beside=[], files=[folder])
-    monkeypatch.setattr("rcmqp.reproduce.reproduce_a", lambda *_, **__: made)
-    monkeypatch.setattr("rcmqp.viewer.build.page", lambda *_, **__: "a page")
+    monkeypatch.setattr("rcmqp.experiments.experiment_a.reproduce_a", lambda *_, **__: made)
+    monkeypatch.setattr("rcmqp.show.viewer.build.page", lambda *_, **__: "a page")
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, part, **__: part.touch())
     file = str(folder / "run[red].h5")
     call(*SHORT, "--out", file)
@@ -241,7 +241,7 @@ def test_view_says_where_no_browser_is(
         return opens
 
     monkeypatch.setattr("webbrowser.open", show)
-    monkeypatch.setattr("rcmqp.viewer.build.page", lambda *_, **__: "a page")
+    monkeypatch.setattr("rcmqp.show.viewer.build.page", lambda *_, **__: "a page")
     file, page = tmp_path / "run.h5", tmp_path / "run.html"
     call(*SHORT, "--out", str(file))
     code, _, err = call("view", str(file), "--html", str(page), option)
@@ -252,7 +252,9 @@ def test_view_says_where_no_browser_is(
 def test_view_is_dark_where_it_is_to_be(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rcmqp.viewer.build.page", lambda _, dark: "dark" if dark else "light")
+    monkeypatch.setattr(
+        "rcmqp.show.viewer.build.page", lambda _, dark: "dark" if dark else "light"
+    )
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     file, page = str(tmp_path / "run.h5"), tmp_path / "run.html"
     call(*SHORT, "--out", file)
@@ -417,10 +419,10 @@ def test_what_is_not_finite_is_null_in_json(call: Call, tmp_path: Path) -> None:
     ("arguments", "where", "word"),
     [
         (SHORT, "rcmqp.cli.run.simulate", "interrupted"),
-        (("compare", "-s", "circle"), "rcmqp.compare.compare", "interrupted"),
+        (("compare", "-s", "circle"), "rcmqp.experiments.compare.compare", "interrupted"),
         (
             ("study", "camera_task"),
-            "rcmqp.study.perform.perform",
+            "rcmqp.experiments.study.perform.perform",
             "interrupted; the same command goes on from here",
         ),
     ],
@@ -442,7 +444,7 @@ def test_ctrl_c_while_a_page_is_made_leaves_no_folder(
         path.write_text("half a page")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rcmqp.viewer.build.write_page", interrupt)
+    monkeypatch.setattr("rcmqp.show.viewer.build.write_page", interrupt)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     call(*SHORT, "--out", str(tmp_path / "run.h5"))

@@ -15,14 +15,15 @@ import pytest
 from helpers import assert_allclose
 from rich.console import Console
 
-from rcmqp import Run, console, load_arm, load_scenario, make_controller, simulate
-from rcmqp.cli import main
-from rcmqp.compare import TIMES, Case, Row, as_markdown, cases, compare, row_of, tables
+from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
+from rcmqp.cli import console, main
 from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.controllers.given import UNKNOWN
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, RunFileError
-from rcmqp.given import UNKNOWN
-from rcmqp.smoothness import log_dimensionless_jerk, sparc
+from rcmqp.experiments.compare import Case, cases, compare
+from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
+from rcmqp.show.tables import TIMES, Row, as_markdown, row_of, tables
 
 CASES = cases(
     ["conical_helix"], ["ur5", "panda"], ["dual-quaternion", "task_priority"], {"duration": 0.2}
@@ -31,8 +32,8 @@ CASES = cases(
 
 BROKEN = """
 from dataclasses import dataclass
-from rcmqp.paths import PATHS
-from rcmqp.scenario import Scenario
+from rcmqp.references.paths import PATHS
+from rcmqp.runs.scenario import Scenario
 
 @dataclass(frozen=True)
 class Broken:
@@ -50,7 +51,7 @@ def scenario(arm, *, flange=None):
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """They take longer than the runs."""
-    monkeypatch.setattr("rcmqp.compare._draw", lambda folder, stem, files: None)
+    monkeypatch.setattr("rcmqp.experiments.compare._draw", lambda folder, stem, files: None)
 
 
 def numbers(rows: list[Row]) -> list[dict[str, str]]:
@@ -152,7 +153,7 @@ def test_runs_of_the_same_scenario_and_arm_share_a_figure(
 ) -> None:
     drawn: dict[str, list[str]] = {}
     monkeypatch.setattr(
-        "rcmqp.compare._draw", lambda folder, stem, files: drawn.update({stem: files})
+        "rcmqp.experiments.compare._draw", lambda folder, stem, files: drawn.update({stem: files})
     )
     other = [dataclasses.replace(case, changes={"duration": 0.1}) for case in CASES[:1]]
     rows = compare([*CASES[:2], *other], tmp_path)
@@ -342,7 +343,7 @@ def test_the_table_of_a_moving_trocar_says_why_two_laws_differ(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the terminal, read by itself: the same law, and what decides is in the same line."""
-    monkeypatch.setattr("rcmqp.compare._draw", lambda folder, stem, files: None)
+    monkeypatch.setattr("rcmqp.experiments.compare._draw", lambda folder, stem, files: None)
     monkeypatch.setattr(console, "out", Console(width=120, emoji=False))
     laws = ["-c", "damped", "-c", "damped:feed_forward=true", "-c", "hierarchical_qp"]
     with pytest.raises(SystemExit):

@@ -22,14 +22,14 @@ from rcmqp import (
     load_scenario,
     view_pose,
 )
-from rcmqp import dualquaternion as dq
 from rcmqp.controllers import DualQuaternion
-from rcmqp.dualquaternion import Array, from_se3
-from rcmqp.insertion import insertion_depth, rcm_error, tilt
-from rcmqp.objectives import Manipulability, SingularityProduct
-from rcmqp.paths import Circle, ConicalHelix, Lissajous
-from rcmqp.paths.drawn import Drawn
-from rcmqp.reference import carried, view_of_tip
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array, from_se3
+from rcmqp.references.paths import Circle, ConicalHelix, Lissajous
+from rcmqp.references.paths.drawn import Drawn
+from rcmqp.references.view import carried, view_of_tip
+from rcmqp.tasks.objectives import Manipulability, SingularityProduct
+from rcmqp.world.insertion import insertion_depth, rcm_error, tilt
 
 OPTIONS: list[dict[str, Any]] = [
     {},

@@ -10,9 +10,9 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import Run, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp import contour as contours
-from rcmqp.contour import Contour
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs import contour as contours
+from rcmqp.runs.contour import Contour
 
 T = 1e-3
 FINE = 40

@@ -25,11 +25,11 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.controllers import CONTROLLERS, DualQuaternion, controller_options
-from rcmqp.dualquaternion import Array, from_se3
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.paths import ConicalHelix
-from rcmqp.report.groups import groups_of
-from rcmqp.report.remake import remake_text
+from rcmqp.maths.dualquaternion import Array, from_se3
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.show.report.groups import groups_of
+from rcmqp.show.report.remake import remake_text
 
 PERIOD = 8e-3
 

@@ -13,8 +13,8 @@ from oracle import constant
 
 from rcmqp import Insertion, load_scenario
 from rcmqp.controllers import HierarchicalQP
-from rcmqp.dualquaternion import Array
 from rcmqp.limits import JointLimits
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Bounds, HierarchySolution, Level
 from rcmqp.qp.hierarchy import Hierarchy
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from helpers import assert_allclose, derivative
 
-from rcmqp import dualquaternion as dq
-from rcmqp.devices import Clutch, DeviceState, Encoder, HandMapping, HandView, Omega7
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.instrument import Vector3
-from rcmqp.paths import HandTrace
-from rcmqp.reference import ViewCommand, view_pose
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.hand import Clutch, DeviceState, HandMapping, HandView
+from rcmqp.references.operators import Encoder, Omega7
+from rcmqp.references.paths import HandTrace
+from rcmqp.references.view import ViewCommand, view_pose
+from rcmqp.world.instrument import Vector3
 
 DEPTH = 0.08
 STILL = (0.0, 0.0, 0.0)

@@ -34,8 +34,8 @@ COMMANDS = list(dict.fromkeys(each.command for each in marked()))
 
 def written(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
     """The tables that a command writes now; it draws and shows nothing."""
-    monkeypatch.setattr("rcmqp.compare._draw", lambda *_: None)
-    monkeypatch.setattr("rcmqp.reproduce.write_report", lambda *_, **__: [])
+    monkeypatch.setattr("rcmqp.experiments.compare._draw", lambda *_: None)
+    monkeypatch.setattr("rcmqp.experiments.experiment_a.write_report", lambda *_, **__: [])
     monkeypatch.chdir(folder)
     with pytest.raises(SystemExit) as ended:
         main(shlex.split(command)[1:])

@@ -33,9 +33,9 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.controllers import DualQuaternion
-from rcmqp.dualquaternion import Array, angle_between, from_se3, translation
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.objectives import OBJECTIVES, make_objective
+from rcmqp.maths.dualquaternion import Array, angle_between, from_se3, translation
+from rcmqp.tasks.objectives import OBJECTIVES, make_objective
 
 PAN = "shoulder_pan_joint"
 PERIOD = 8e-3

@@ -8,9 +8,9 @@ import pytest
 from helpers import assert_allclose, random_placement
 from scipy.spatial.transform import Rotation
 
-from rcmqp import dualquaternion as dq
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
 
 COVERS = pytest.mark.parametrize("cover", [1.0, -1.0], ids=["x", "-x"])
 AXES = [np.eye(3)[2], -np.eye(3)[0], np.array([2.0, -3.0, 6.0]) / 7.0]

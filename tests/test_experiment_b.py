@@ -14,13 +14,13 @@ import pytest
 
 from rcmqp import compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.cli import main
-from rcmqp.operators import Learning
-from rcmqp.study.experiment_b import device_jump, reproduce_b
-from rcmqp.study.factors import EFFECTS, MEASURES, factor_table, factors
-from rcmqp.study.outcome import Outcome
-from rcmqp.study.perform import perform
-from rcmqp.study.plan import Law, Study
-from rcmqp.study.tables import JUMP
+from rcmqp.experiments.study.experiment_b import device_jump, reproduce_b
+from rcmqp.experiments.study.factors import EFFECTS, MEASURES, factor_table, factors
+from rcmqp.experiments.study.outcome import Outcome
+from rcmqp.experiments.study.perform import perform
+from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.tables import JUMP
+from rcmqp.references.operators import Learning
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
@@ -180,8 +180,8 @@ def test_the_factors_are_asked_for_by_one_option(
 ) -> None:
     """Two of the twelve, so that the test is short."""
     two = dict(itertools.islice(factors().items(), 0, 2))
-    monkeypatch.setattr("rcmqp.study.factors.factors", lambda: two)
-    monkeypatch.setattr("rcmqp.study.experiment_b.factors", lambda: two)
+    monkeypatch.setattr("rcmqp.experiments.study.factors.factors", lambda: two)
+    monkeypatch.setattr("rcmqp.experiments.study.experiment_b.factors", lambda: two)
     call = ["reproduce", "-e", "b", "--operators", "1", "--seed", "46", "--factors"]
     with pytest.raises(SystemExit) as ended:
         main([*call, "--out", str(tmp_path)])

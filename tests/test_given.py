@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from rcmqp import Insertion, Instrument, Run, load_arm, load_scenario, make_controller, simulate
-from rcmqp.arm import ArmState
 from rcmqp.controllers import CONTROLLERS, Command, Controller, HierarchicalQP
+from rcmqp.controllers.given import JOINT_LIMITS, UNKNOWN, Given
 from rcmqp.controllers.settings import controller_of, every_setting
-from rcmqp.given import JOINT_LIMITS, UNKNOWN, Given
-from rcmqp.labels import given_cells
 from rcmqp.limits import JointLimits
-from rcmqp.metrics import ROUNDING
-from rcmqp.reference import Reference, ViewCommand, view_pose
+from rcmqp.references.view import Reference, ViewCommand, view_pose
+from rcmqp.runs.metrics import ROUNDING
+from rcmqp.show.labels import given_cells
 from rcmqp.tasks import RcmTask
+from rcmqp.world.arm import ArmState
 
 T = 1e-3
 SETTINGS = every_setting()

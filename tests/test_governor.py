@@ -16,12 +16,12 @@ from helpers import assert_allclose
 
 from rcmqp import Run, RunFile, Scenario, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.errors import InsertionError, OptionError, RunFileError
-from rcmqp.governor import Governed, Governor, PathClock
-from rcmqp.motions import Sinusoid
-from rcmqp.paths import Circle, ViewMoves, ViewSteps
-from rcmqp.recorder import Recorder
-from rcmqp.reference import Reference
-from rcmqp.simulate import record, versions
+from rcmqp.references.governor import Governed, Governor, PathClock
+from rcmqp.references.paths import Circle, ViewMoves, ViewSteps
+from rcmqp.references.view import Reference
+from rcmqp.runs.recorder import Recorder
+from rcmqp.runs.simulate import record, versions
+from rcmqp.world.motions import Sinusoid
 
 T = 1e-3
 
@@ -239,7 +239,7 @@ def test_references_do_not_depend_on_how_many_are_made_at_once(
     scenario = dataclasses.replace(governed(too_fast), duration=0.3, pivot_velocity="estimated")
     whole = run_of(scenario)
     assert whole.path_time[-1] < 0.299
-    monkeypatch.setattr("rcmqp.scenario.BLOCK", 7)
+    monkeypatch.setattr("rcmqp.runs.scenario.BLOCK", 7)
     assert run_of(scenario).digest == whole.digest
 
 

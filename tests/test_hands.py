@@ -16,11 +16,11 @@ from scipy import signal
 
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
-from rcmqp.operators import CameraTrial, Operator, operator_of_study
-from rcmqp.paths import HandTrace
-from rcmqp.smooth import step
-from rcmqp.smoothness import log_dimensionless_jerk, sparc
-from rcmqp.study.hands import ROWS, compare_hands, measure_hand, model_hand
+from rcmqp.experiments.study.hands import ROWS, compare_hands, measure_hand, model_hand
+from rcmqp.maths.smooth import step
+from rcmqp.references.operators import CameraTrial, Operator, operator_of_study
+from rcmqp.references.paths import HandTrace
+from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
 
 RECORDING = Path(__file__).with_name("synthetic_hand.csv")
 

@@ -23,8 +23,8 @@ from rcmqp import (
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.limits import JointLimits, braking_speed
-from rcmqp.paths import ViewMoves
 from rcmqp.qp import HierarchySolution, SolverNotInstalled
+from rcmqp.references.paths import ViewMoves
 from rcmqp.tasks import RcmTask, RollTask, Task, TipTask, Together
 
 ARMS = ("lwa3", "meka_a2")

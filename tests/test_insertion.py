@@ -8,11 +8,11 @@ import pytest
 from helpers import assert_allclose, random_placement, shaft_distance
 
 from rcmqp import Arm, Insertion, Instrument, Trocar
-from rcmqp import dualquaternion as dq
 from rcmqp.errors import InsertionError, InvalidCommand, JointLimitViolated, TrocarOffShaft
-from rcmqp.insertion import insertion_depth, rcm_error
-from rcmqp.instrument import vector3
-from rcmqp.scene import Sphere
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.world.insertion import insertion_depth, rcm_error
+from rcmqp.world.instrument import vector3
+from rcmqp.world.obstacles import Sphere
 
 INSTRUMENT = Instrument(length=0.33, mount_offset=0.05)
 

@@ -9,7 +9,7 @@ from helpers import assert_allclose
 
 from rcmqp import Camera, Instrument, Trocar
 from rcmqp.errors import OptionError
-from rcmqp.instrument import vector3
+from rcmqp.world.instrument import vector3
 
 PIVOT, DOWN = (0.4, -0.1, 0.2), (0.0, 0.0, -1.0)
 

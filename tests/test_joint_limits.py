@@ -12,12 +12,12 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import arm_names, load_arm
-from rcmqp import dualquaternion as dq
-from rcmqp.arm import Arm, ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.limits import Constraint, JointLimits, braking_speed
-from rcmqp.reference import STILL, Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import STILL, Reference
+from rcmqp.world.arm import Arm, ArmState
 
 NOW = Reference(dq.IDENTITY, np.zeros(8), STILL, STILL)
 

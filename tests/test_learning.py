@@ -11,7 +11,9 @@ import pytest
 
 from rcmqp import Scenario, load_scenario
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.operators import (
+from rcmqp.experiments.study.perform import perform
+from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.references.operators import (
     PARAMETERS,
     CameraTrial,
     Learning,
@@ -20,10 +22,8 @@ from rcmqp.operators import (
     operator_of_study,
     recognition_times,
 )
-from rcmqp.operators.learning import REFERENCE, SHAPES
-from rcmqp.reference import view_pose
-from rcmqp.study.perform import perform
-from rcmqp.study.plan import Law, Study
+from rcmqp.references.operators.learning import REFERENCE, SHAPES
+from rcmqp.references.view import view_pose
 
 each_shape = pytest.mark.parametrize("shape", SHAPES)
 T = 0.02

@@ -11,13 +11,8 @@ import pinocchio as pin
 import pytest
 from helpers import assert_allclose, derivative, random_placement
 
-from rcmqp import dualquaternion as dq
 from rcmqp import load_arm
-from rcmqp.arm import Arm, ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import RcmqpError
-from rcmqp.insertion import Insertion
-from rcmqp.instrument import Instrument, Trocar
 from rcmqp.limits import (
     LIMITS,
     Constraint,
@@ -32,8 +27,13 @@ from rcmqp.limits import (
     combine,
     make_limit,
 )
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.problem import InvalidProblem
-from rcmqp.reference import STILL, Reference
+from rcmqp.references.view import STILL, Reference
+from rcmqp.world.arm import Arm, ArmState
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Instrument, Trocar
 
 ARMS = ("lwa3", "kinova", "panda", "ur5", "z1")
 T = 1e-3

@@ -17,11 +17,19 @@ import pytest
 from rcmqp import Insertion, load_arm
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
-from rcmqp.latency import EDGES, Latency
-from rcmqp.loop_report import LoopReport, Stop
-from rcmqp.loopback import ArmLost, LoopbackReport, Readings, UdpArm, run_loopback
-from rcmqp.priority import PRIORITY, real_time_priority
-from rcmqp.simulated_arm import HOST, PATIENCE, TOO_OLD, Account, Box, Packets, insertion_of
+from rcmqp.realtime.latency import EDGES, Latency
+from rcmqp.realtime.loopback import ArmLost, LoopbackReport, Readings, UdpArm, run_loopback
+from rcmqp.realtime.priority import PRIORITY, real_time_priority
+from rcmqp.realtime.report import LoopReport, Stop
+from rcmqp.realtime.simulated_arm import (
+    HOST,
+    PATIENCE,
+    TOO_OLD,
+    Account,
+    Box,
+    Packets,
+    insertion_of,
+)
 
 T = 0.001
 V = np.full(7, 0.1)
@@ -167,7 +175,7 @@ def test_an_arm_that_falls_silent_is_an_error(
 ) -> None:
     packets = Packets(7, 7)
     with closing(_connected(peer, packets)) as robot:
-        monkeypatch.setattr("rcmqp.loopback.PATIENCE", 0.0)
+        monkeypatch.setattr("rcmqp.realtime.loopback.PATIENCE", 0.0)
         with pytest.raises(ArmLost, match="newest state is"):
             robot.read()
 
@@ -176,7 +184,7 @@ def test_an_arm_that_falls_silent_is_an_error(
 def test_no_arm_at_all_is_an_error_and_leaves_no_socket(
     somebody: bool, peer: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rcmqp.loopback.HELLO", 0.01)
+    monkeypatch.setattr("rcmqp.realtime.loopback.HELLO", 0.01)
     port = peer.getsockname()[1]
     if not somebody:
         peer.close()
@@ -190,7 +198,7 @@ def test_an_arm_that_counts_from_the_start_again_is_not_taken_for_the_old_one(
 ) -> None:
     """States come, but none that is newer; after 20 ms that is an arm lost."""
     clock = [100.0]
-    monkeypatch.setattr("rcmqp.loopback.time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr("rcmqp.realtime.loopback.time.perf_counter", lambda: clock[0])
     packets, still = Packets(7, 7), np.zeros(7)
     with closing(_connected(peer, packets)) as robot:
         peer.send(packets.state(1000, np.ones(7), still))
@@ -228,7 +236,7 @@ def test_the_command_prints_its_report_and_tells_how_it_ended(
     stop = Stop(1.0, fault, signal=number)
     loop = LoopReport("law", T, 7, 7, 0, 0, 0, 0, none, none, stop)
     made = LoopbackReport(loop, 7, Readings(), Account())
-    monkeypatch.setattr("rcmqp.loopback.run_loopback", lambda *_, **__: made)
+    monkeypatch.setattr("rcmqp.realtime.loopback.run_loopback", lambda *_, **__: made)
     with pytest.raises(SystemExit) as ended:
         main(["loopback"])
     found = capsys.readouterr()

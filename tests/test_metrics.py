@@ -10,9 +10,9 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp.dualquaternion import from_rotation
-from rcmqp.metrics import AFTER_THE_STOP, against_limit, until
-from rcmqp.scene import Sphere
+from rcmqp.maths.dualquaternion import from_rotation
+from rcmqp.runs.metrics import AFTER_THE_STOP, against_limit, until
+from rcmqp.world.obstacles import Sphere
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ import pytest
 from helpers import assert_allclose, derivative
 from scipy.interpolate import CubicHermiteSpline
 
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.instrument import Vector3
-from rcmqp.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
 
 
 def recording(times: Array) -> Sampled:

@@ -8,9 +8,9 @@ import pytest
 from helpers import assert_allclose, derivative
 
 from rcmqp import Arm, arm_names, load_arm
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.objectives import OBJECTIVES, Objective, make_objective
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.tasks.objectives import OBJECTIVES, Objective, make_objective
 
 load = functools.cache(load_arm)
 

@@ -11,16 +11,15 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import Insertion, RcmqpError, load_scenario
-from rcmqp import dualquaternion as dq
-from rcmqp.camera_task import CameraTask
-from rcmqp.devices import HandMapping, Omega7
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.instrument import Vector3
-from rcmqp.operators import (
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.hand import HandMapping
+from rcmqp.references.operators import (
     GROUPS,
     PARAMETERS,
     CameraTrial,
+    Omega7,
     Operator,
     Spread,
     Steering,
@@ -28,13 +27,15 @@ from rcmqp.operators import (
     operator_of_study,
     recognition_times,
 )
-from rcmqp.operators.detour import is_clear, passing, via_point
-from rcmqp.operators.hand import Hand
-from rcmqp.operators.perception import Eyes
-from rcmqp.operators.submovement import Submovement, duration
-from rcmqp.operators.tremor import Tremor
-from rcmqp.reference import view_pose
-from rcmqp.scene import Sphere
+from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.operators.detour import is_clear, passing, via_point
+from rcmqp.references.operators.hand import Hand
+from rcmqp.references.operators.perception import Eyes
+from rcmqp.references.operators.submovement import Submovement, duration
+from rcmqp.references.operators.tremor import Tremor
+from rcmqp.references.view import view_pose
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 T = 0.02
 QUICK = Operator(recognition=0.0, margin=0.0)
@@ -509,7 +510,7 @@ def test_an_operator_at_the_obstacle_goes_on_even_if_no_way_ever_seems_clear(
     """However wide a way is wished, or however badly it is seen."""
     wide = dataclasses.replace(QUICK, margin=0.1)
     assert len(done_at(CameraTrial(wide), 0)) == 4
-    monkeypatch.setattr("rcmqp.operators.steering.is_clear", lambda *_: False)
+    monkeypatch.setattr("rcmqp.references.operators.steering.is_clear", lambda *_: False)
     assert len(done_at(CameraTrial(QUICK), 0)) == 4
 
 

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
-import ast
 import importlib.metadata
 import importlib.resources
-import re
+import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -51,22 +51,33 @@ def test_import_and_help_load_nothing_heavy(line: str) -> None:
     assert done.stdout.splitlines()[-1] == "loaded []"
 
 
-def test_imports_go_down_the_list_in_contributing() -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    listed = re.findall(r"`(\w+)/?`", re.split("Imports go down|Only", text)[1])
-    order = [*listed, "__init__", "__main__"]
-    imports: dict[tuple[str, str], Path] = {}
-    for file in (ROOT / "rcmqp").rglob("*.py"):
-        part = file.relative_to(ROOT / "rcmqp").parts[0].removesuffix(".py")
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rcmqp"):
-                names = [f"{node.module}.{name.name}" for name in node.names]
-                imports |= {(part, name.split(".")[1]): file for name in names}
-    assert {part for part, _ in imports} <= set(order)
-    assert len(imports) > 100
-    up = [
-        f"{file.name} imports {name}"
-        for (part, name), file in imports.items()
-        if name in order and order.index(name) > order.index(part)
-    ]
-    assert not up
+def test_the_wheel_has_every_module_and_what_they_read(tmp_path: Path) -> None:
+    pytest.importorskip("setuptools", minversion="77")  # as pyproject.toml has it, no network
+    source = tmp_path / "source"
+    no_links = shutil.ignore_patterns("__pycache__", "*.so", "robots", "scenarios")
+    shutil.copytree(ROOT / "rcmqp", source / "rcmqp", ignore=no_links)
+    for folder in ("robots", "scenarios"):
+        shutil.copytree(ROOT / folder, source / folder, ignore=no_links)
+    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    setup = (
+        (ROOT / "setup.py").read_text(encoding="utf-8").replace("-O3", "-O0")
+    )  # compiles sooner
+    (source / "setup.py").write_text(setup, encoding="utf-8")
+    command = [sys.executable, "-m", "pip", "wheel", "--disable-pip-version-check", "--no-deps"]
+    command += ["--no-build-isolation", "--no-index", "--wheel-dir", str(tmp_path), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert not done.returncode, f"{done.stdout}{done.stderr}"
+    with zipfile.ZipFile(next(tmp_path.glob("rcmqp-*.whl"))) as wheel:
+        found = {name for name in wheel.namelist() if "dist-info" not in name}
+    there = {file for file in (ROOT / "rcmqp").rglob("*") if file.is_file()}
+    wanted = {file.relative_to(ROOT).as_posix() for file in there if file.suffix != ".so"}
+    for folder in ("robots", "scenarios"):
+        files = {
+            file for end in ("py", "toml", "urdf") for file in ROOT.glob(f"{folder}/**/*.{end}")
+        }
+        wanted |= {f"rcmqp/{file.relative_to(ROOT).as_posix()}" for file in files}
+    wanted = {name for name in wanted if "__pycache__" not in name}
+    assert len([name for name in found if name.endswith(".py")]) > 150
+    assert wanted <= found
+    assert all(name.startswith("rcmqp/_kernel.") for name in found - wanted)

@@ -8,9 +8,9 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.dualquaternion import Array
-from rcmqp.palette import COLOURS, DASHES, colour, dash
-from rcmqp.viewer.build import asset
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.palette import COLOURS, DASHES, colour, dash
+from rcmqp.show.viewer.build import asset
 
 SEEN: dict[str, ArrayLike] = {
     "all three": np.eye(3),

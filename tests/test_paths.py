@@ -11,11 +11,11 @@ from helpers import assert_allclose, derivative
 from scipy.integrate import quad
 
 from rcmqp import ViewCommand, view_pose
-from rcmqp import dualquaternion as dq
-from rcmqp.devices import HandMapping
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.paths import (
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.hand import HandMapping
+from rcmqp.references.paths import (
     PATHS,
     Circle,
     ConicalHelix,

@@ -10,11 +10,11 @@ import pytest
 from helpers import assert_allclose, derivative, random_placement, shaft_distance
 
 from rcmqp import Reference, ViewCommand, view_pose
-from rcmqp import dualquaternion as dq
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.planner import FAR_ANGLE, FAR_DEPTH, Planner, constrain, plan
-from rcmqp.reference import carried
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.planner import FAR_ANGLE, FAR_DEPTH, Planner, constrain, plan
+from rcmqp.references.view import carried
 
 PERIOD = 1e-3
 NEAR_VIEWS = ViewCommand(0.1, -0.2, 0.3, 0.02), ViewCommand(-0.1, 0.1, -0.1, 0.05)

@@ -13,8 +13,8 @@ from helpers import assert_allclose
 from scipy.integrate import solve_ivp
 
 from rcmqp import Arm, load_arm
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.plants import PLANTS, Drive, Kinematic, Plant, Servo
 from rcmqp.plants.servo import first_order
 

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from rcmqp import Run, load_scenario, make_controller, plots, simulate
-from rcmqp import dualquaternion as dq
-from rcmqp.dualquaternion import Array
-from rcmqp.palette import COLOURS
+from rcmqp import Run, load_scenario, make_controller, simulate
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show import plots
+from rcmqp.show.palette import COLOURS
 
 
 @pytest.fixture(scope="module")

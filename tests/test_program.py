@@ -22,11 +22,11 @@ from rcmqp import (
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.controllers.program import LevelOfTasks, Program
-from rcmqp.instrument import vector3
 from rcmqp.limits import JointLimits, KeepIn, KeepOut, Limit, TrocarCone, TrocarDepth
-from rcmqp.objectives import JointCentring
 from rcmqp.qp import HierarchySolution
 from rcmqp.tasks import DepthTask, ObjectiveTask, PoseTask, PostureTask, RcmTask, RollTask, TipTask
+from rcmqp.tasks.objectives import JointCentring
+from rcmqp.world.instrument import vector3
 
 T = 1e-3
 ARMS = ("lwa3", "panda", "meka_a2", "kinova")

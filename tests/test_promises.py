@@ -24,10 +24,10 @@ from rcmqp import (
     make_controller,
     simulate,
 )
-from rcmqp.arm_limits import ArmLimits
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.metrics import ROUNDING
-from rcmqp.paths import ViewMoves
+from rcmqp.references.paths import ViewMoves
+from rcmqp.runs.metrics import ROUNDING
+from rcmqp.world.arm_limits import ArmLimits
 
 T = 4e-3
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.hierarchy import Hierarchy, hierarchy_backends
 from rcmqp.qp.levels import Bounds, HierarchySolution, Level
 from rcmqp.qp.problem import QP, InvalidProblem, QPSolution, Status

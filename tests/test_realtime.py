@@ -21,22 +21,22 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 import rcmqp
-from rcmqp.arm import ArmState
-from rcmqp.braking import Brake, braking, nearest
 from rcmqp.controllers import Command, Controller
-from rcmqp.deadlines import Deadlines
-from rcmqp.dualquaternion import Array
+from rcmqp.controllers.braking import Brake, braking, nearest
 from rcmqp.errors import OptionError, RcmqpError
-from rcmqp.governor import Governed
-from rcmqp.insertion import rcm_error
-from rcmqp.latency import EDGES, LatencyCounter
-from rcmqp.loop_checks import CommandCheck, LoopFault
-from rcmqp.loop_report import LoopReport
-from rcmqp.paths import ViewMoves
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy
 from rcmqp.qp.levels import Bounds, Level
-from rcmqp.realtime import HOLD, WARM_UP, Stamped, run_realtime
-from rcmqp.reference import Reference
+from rcmqp.realtime.checks import CommandCheck, LoopFault
+from rcmqp.realtime.deadlines import Deadlines
+from rcmqp.realtime.latency import EDGES, LatencyCounter
+from rcmqp.realtime.loop import HOLD, WARM_UP, Stamped, run_realtime
+from rcmqp.realtime.report import LoopReport
+from rcmqp.references.governor import Governed
+from rcmqp.references.paths import ViewMoves
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import rcm_error
 
 T = 0.001
 TICK = 1e-6
@@ -734,7 +734,7 @@ def test_a_signal_leaves_what_hangs_and_stops_the_arm(
     where: str, insertion: rcmqp.Insertion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot, hung = Arm(insertion, clock := Clock()), [0.0]
-    monkeypatch.setattr("rcmqp.signals.monotonic", lambda: clock.now)
+    monkeypatch.setattr("rcmqp.realtime.signals.monotonic", lambda: clock.now)
 
     def hang(k: int) -> None:
         while k >= 10 and len(hung) < 2:  # left by an exception only
@@ -1139,6 +1139,6 @@ def test_the_stop_has_run_once_before_anything_moves(
         found.append((len(robot.sent), bool(np.any(args[2]))))
         return braking(*args)
 
-    monkeypatch.setattr("rcmqp.realtime.braking", told)
+    monkeypatch.setattr("rcmqp.realtime.loop.braking", told)
     run(robot)
     assert found == [(0, True), (20, True)]

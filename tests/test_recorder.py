@@ -17,14 +17,14 @@ import numpy as np
 import pytest
 
 from rcmqp import Run, load_scenario, make_controller, simulate
-from rcmqp.arm import ArmState
 from rcmqp.controllers import Command, Controller
 from rcmqp.errors import OptionError, RunFileError
-from rcmqp.head import SIGNATURE
-from rcmqp.recorder import Recorder
-from rcmqp.reference import Reference
-from rcmqp.scenario import Scenario
-from rcmqp.simulate import versions
+from rcmqp.references.view import Reference
+from rcmqp.runs.head import SIGNATURE
+from rcmqp.runs.recorder import Recorder
+from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.simulate import versions
+from rcmqp.world.arm import ArmState
 
 EARLIER = SIGNATURE + b"earlier"
 Row = tuple[Mapping[str, float], dict[str, Any]]

@@ -8,10 +8,10 @@ import pytest
 from helpers import assert_allclose, derivative, random_placement, shaft_distance
 
 from rcmqp import Reference, ViewCommand, view_pose
-from rcmqp import dualquaternion as dq
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import InvalidCommand
-from rcmqp.reference import carried, view_of_tip
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import carried, view_of_tip
 
 TIP_DEPTH = 0.1
 

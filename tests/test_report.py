@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 from markdown_it import MarkdownIt
 
-from rcmqp import Run, load_arm, load_scenario, make_controller, plots, simulate
+from rcmqp import Run, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
-from rcmqp.metrics import compute_metrics
-from rcmqp.report.build import pictures, write_report
-from rcmqp.report.document import Screenshot, Section, as_html
-from rcmqp.report.groups import groups_of
-from rcmqp.viewer.browser import PATIENCE, browser
+from rcmqp.runs.metrics import compute_metrics
+from rcmqp.show import plots
+from rcmqp.show.report.build import pictures, write_report
+from rcmqp.show.report.document import Screenshot, Section, as_html
+from rcmqp.show.report.groups import groups_of
+from rcmqp.show.viewer.browser import PATIENCE, browser
 
 FILES = ("paper.h5", "qp.h5", "slow.h5", "other.h5")
 
@@ -103,7 +104,7 @@ def test_a_screenshot_is_of_the_runs_end_and_its_caption_is_text(
     def draw(runs: list[Run], path: Path, *, time: float) -> None:
         asked.append((runs, path, time))
 
-    monkeypatch.setattr("rcmqp.report.document.snapshot", draw)
+    monkeypatch.setattr("rcmqp.show.report.document.snapshot", draw)
     shot = Screenshot("lwa3", "the LWA3 *at the end*", runs[0])
     shot.write(tmp_path)
     assert asked == [([runs[0]], tmp_path / "lwa3.png", 0.3)]

@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from rcmqp import Run, make_controller, plots, simulate
-from rcmqp.compare import as_markdown
-from rcmqp.metrics import compute_metrics
-from rcmqp.reproduce import ARMS, BESIDE, comparison_table, reproduce_a
-from rcmqp.scenario_loading import load_scenario
+from rcmqp import Run, make_controller, simulate
+from rcmqp.experiments.experiment_a import ARMS, BESIDE, comparison_table, reproduce_a
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.metrics import compute_metrics
+from rcmqp.show import plots
+from rcmqp.show.tables import as_markdown
 
 
 @pytest.fixture(scope="module")

@@ -26,10 +26,10 @@ from rcmqp import (
 )
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_writable
-from rcmqp.paths import PATHS, Foreign
-from rcmqp.report.groups import groups_of
-from rcmqp.report.remake import remake_text
-from rcmqp.run_file import RunFile
+from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.run_file import RunFile
+from rcmqp.show.report.groups import groups_of
+from rcmqp.show.report.remake import remake_text
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [
@@ -366,7 +366,7 @@ def test_a_disk_that_is_full_is_an_error_and_leaves_the_folder_as_it_was(tmp_pat
         "import os, resource\n"
         "from rcmqp import load_scenario, make_controller, simulate\n"
         "from rcmqp.errors import RunFileError\n"
-        "from rcmqp.simulate import record\n"
+        "from rcmqp.runs.simulate import record\n"
         "s = load_scenario('conical_helix', duration=2.0)\n"
         "controller = make_controller('dual_quaternion', s.insertion(), s.period)\n"
         "run = simulate(s, controller)\n"

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from rcmqp import Run, Scenario, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp import extent as extents
-from rcmqp.console import warnings
+from rcmqp.cli.console import warnings
 from rcmqp.controllers import Controller
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import RunFileError
-from rcmqp.extent import Extent, FirstRows, percentile
-from rcmqp.head import SIGNATURE
-from rcmqp.run_file import RunFile
-from rcmqp.simulate import record
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs import extent as extents
+from rcmqp.runs.extent import Extent, FirstRows, percentile
+from rcmqp.runs.head import SIGNATURE
+from rcmqp.runs.run_file import RunFile
+from rcmqp.runs.simulate import record
 
 EARLIER = SIGNATURE + b"earlier"
 
@@ -146,7 +146,7 @@ def test_a_killed_recording_keeps_the_earlier_file_and_the_next_one_sweeps_up(
     tmp_path: Path,
 ) -> None:
     program = (
-        "import sys, rcmqp\nfrom rcmqp.simulate import record\n"
+        "import sys, rcmqp\nfrom rcmqp.runs.simulate import record\n"
         "s = rcmqp.load_scenario('conical_helix', 'ur5', duration=600.0)\n"
         "c = rcmqp.make_controller('dual_quaternion', s.insertion(), s.period)\n"
         "record(s, c, sys.argv[1], lambda done: print(done, flush=True))\n"

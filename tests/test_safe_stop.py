@@ -31,20 +31,20 @@ from rcmqp import (
     simulate,
     view_pose,
 )
-from rcmqp.arm import ArmState
-from rcmqp.braking import Brake, braking, nearest
-from rcmqp.console import warnings
+from rcmqp.cli.console import warnings
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.dualquaternion import Array
+from rcmqp.controllers.braking import Brake, braking, nearest
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.insertion import rcm_error, tilt
-from rcmqp.instrument import vector3
-from rcmqp.paths import ConicalHelix
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.plants import PLANTS
 from rcmqp.plants.kinematic import KinematicDrive
 from rcmqp.qp import InvalidProblem, SolverNotInstalled, solver_names
-from rcmqp.reference import carried
-from rcmqp.scene import Sphere
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.references.view import carried
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import rcm_error, tilt
+from rcmqp.world.instrument import vector3
+from rcmqp.world.obstacles import Sphere
 
 T = 8e-3
 SPEED_LIMITED = ("hierarchical_qp", "weighted_qp")

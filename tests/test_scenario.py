@@ -27,15 +27,13 @@ from rcmqp import (
     scenario_names,
     view_pose,
 )
-from rcmqp.arm_limits import ArmLimits
-from rcmqp.camera_task import CameraTask
-from rcmqp.devices import HandMapping, Omega7
-from rcmqp.dualquaternion import Array, P, quaternion_mul, to_se3
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.instrument import Vector3
-from rcmqp.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
-from rcmqp.operators import STEERED, CameraTrial, Operator, Steered
-from rcmqp.paths import (
+from rcmqp.maths.dualquaternion import Array, P, quaternion_mul, to_se3
+from rcmqp.plants import PLANTS, Kinematic, Plant, Servo
+from rcmqp.references.hand import HandMapping
+from rcmqp.references.operators import STEERED, CameraTrial, Omega7, Operator, Steered
+from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.paths import (
     PATHS,
     Circle,
     ConicalHelix,
@@ -44,11 +42,13 @@ from rcmqp.paths import (
     ViewMoves,
     ViewSteps,
 )
-from rcmqp.paths import Path as ViewPath
-from rcmqp.planner import plan
-from rcmqp.plants import PLANTS, Kinematic, Plant, Servo
-from rcmqp.scenario import PIVOT_VELOCITIES
-from rcmqp.scene import Sphere
+from rcmqp.references.paths import Path as ViewPath
+from rcmqp.references.planner import plan
+from rcmqp.runs.scenario import PIVOT_VELOCITIES
+from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
+from rcmqp.world.obstacles import Sphere
 
 every_scenario = pytest.mark.parametrize("name", scenario_names())
 on_every_arm = pytest.mark.parametrize("arm", arm_names())
@@ -345,7 +345,7 @@ def test_references_do_not_depend_on_how_many_are_made_at_once(
     scenario = moving(how, duration=0.06, planner_time=planner_time)
     insertion, found = scenario.insertion(), []
     for block in (512, 7, 1):
-        monkeypatch.setattr("rcmqp.scenario.BLOCK", block)
+        monkeypatch.setattr("rcmqp.runs.scenario.BLOCK", block)
         references = list(scenario.references(insertion))
         assert len(references) == scenario.cycles
         found.append([np.concatenate(dataclasses.astuple(reference)) for reference in references])

@@ -36,16 +36,16 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.controllers import CONTROLLERS, DualQuaternion, HierarchicalQP
-from rcmqp.dualquaternion import Array, to_se3
 from rcmqp.errors import InsertionError, InvalidCommand, OptionError
-from rcmqp.motions import Breathing, Still
-from rcmqp.paths import ConicalHelix
-from rcmqp.paths import Path as ViewPath
+from rcmqp.maths.dualquaternion import Array, to_se3
 from rcmqp.plants import Servo
 from rcmqp.qp import InvalidProblem
-from rcmqp.scene import Sphere
-from rcmqp.simulate import parts
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.references.paths import Path as ViewPath
+from rcmqp.runs.simulate import parts
 from rcmqp.tasks import RcmTask, Residual, Task
+from rcmqp.world.motions import Breathing, Still
+from rcmqp.world.obstacles import Sphere
 
 PERIOD = 8e-3
 

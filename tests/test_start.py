@@ -8,7 +8,7 @@ from helpers import assert_allclose
 
 from rcmqp import Arm, Insertion, Instrument, Trocar, find_start, load_arm, load_scenario
 from rcmqp.errors import NoStartFound
-from rcmqp.scenario_loading import scenario_module
+from rcmqp.runs.loading import scenario_module
 
 SCOPE = Instrument()
 

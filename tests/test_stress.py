@@ -22,10 +22,10 @@ from rcmqp import (
     scenario_names,
     simulate,
 )
-from rcmqp.console import warnings
+from rcmqp.cli.console import warnings
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.dualquaternion import Array, to_se3
-from rcmqp.scenario_loading import scenario_module
+from rcmqp.maths.dualquaternion import Array, to_se3
+from rcmqp.runs.loading import scenario_module
 
 STRESS = {
     "breathing_trocar",

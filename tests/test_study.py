@@ -24,21 +24,21 @@ from helpers import assert_allclose
 from matplotlib.figure import Figure
 
 from rcmqp import Insertion, Instrument, Run, compute_metrics, load_arm, simulate
-from rcmqp.arm import ArmState
-from rcmqp.arm_limits import ArmLimits
-from rcmqp.camera_task import CameraTask
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.operators import CameraTrial, operator_of_study, recognition_times
-from rcmqp.reference import Reference
-from rcmqp.study.fingerprint import fingerprint
-from rcmqp.study.outcome import outcome_of
-from rcmqp.study.perform import RUNS, Performed, perform, run_trial, trial_file
-from rcmqp.study.plan import Law, Study
-from rcmqp.study.record import Record
-from rcmqp.study.report import write_figures, write_tables
-from rcmqp.study.tables import outcomes_csv, table
+from rcmqp.experiments.study.fingerprint import fingerprint
+from rcmqp.experiments.study.outcome import outcome_of
+from rcmqp.experiments.study.perform import RUNS, Performed, perform, run_trial, trial_file
+from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.record import Record
+from rcmqp.experiments.study.report import write_figures, write_tables
+from rcmqp.experiments.study.tables import outcomes_csv, table
+from rcmqp.references.operators import CameraTrial, operator_of_study, recognition_times
+from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
+from rcmqp.world.arm_limits import ArmLimits
 
 SHORT = """
 import dataclasses
@@ -90,7 +90,8 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
     """SIGKILL in the middle; what was done is not done again; the table is the same."""
     file = tmp_path / "short.py"
     file.write_text(SHORT.format(duration=3.0), encoding="utf-8")
-    call = "import sys; from rcmqp.study.perform import perform; from rcmqp.study.plan import *; "
+    call = "import sys; from rcmqp.experiments.study.perform import perform; "
+    call += "from rcmqp.experiments.study.plan import *; "
     call += f"perform(Study({str(file)!r}, 8, laws=(Law(period=0.02),)), sys.argv[1])"
     folder = tmp_path / "killed"
     process = subprocess.Popen([sys.executable, "-c", call, str(folder)])
@@ -219,8 +220,8 @@ from typing import ClassVar
 import sys
 import numpy as np
 from rcmqp.controllers import CONTROLLERS, Command, Controller
-from rcmqp.study.perform import perform
-from rcmqp.study.plan import Law, Study
+from rcmqp.experiments.study.perform import perform
+from rcmqp.experiments.study.plan import Law, Study
 
 @dataclass(frozen=True, eq=False)
 class Hold(Controller):
@@ -310,7 +311,7 @@ def test_the_figures_are_of_the_trial_of_median_time(
         drawn.append(record.outcome.operator)
         return Figure()
 
-    monkeypatch.setattr("rcmqp.study.figures.trial_figure", drawing)
+    monkeypatch.setattr("rcmqp.experiments.study.figures.trial_figure", drawing)
     timed = [
         dataclasses.replace(o, finished=True, completion_s=t, reached_s=(1.0, 2.0, 3.0, t))
         for o, t in zip(done.outcomes, (60.0, 80.0, 70.0), strict=True)
@@ -378,7 +379,9 @@ def test_people_are_drawn_never_put_in_place_of_a_scenarios_own(tmp_path: Path) 
         "duration=0.4", "path=CameraTrial(operator=Operator(delay=0.3))"
     )
     file = tmp_path / "own.py"
-    file.write_text(f"from rcmqp.operators import CameraTrial, Operator\n{own}", encoding="utf-8")
+    file.write_text(
+        f"from rcmqp.references.operators import CameraTrial, Operator\n{own}", encoding="utf-8"
+    )
     with pytest.raises(OptionError, match="has an operator of its own"):
         perform(study(str(file), 1), tmp_path / "out")
 
@@ -409,8 +412,8 @@ def test_a_study_runs_on_a_dask_cluster_with_the_same_outcomes(short: str, tmp_p
 
 FAR = """
 from rcmqp import Instrument, Scenario, load_arm
-from rcmqp.insertion import Insertion
-from rcmqp.operators import CameraTrial
+from rcmqp.world.insertion import Insertion
+from rcmqp.references.operators import CameraTrial
 
 def scenario(arm="panda", *, flange=None):
     inside = Insertion.on_shaft(load_arm(arm), Instrument(length=0.11), depth=0.10)

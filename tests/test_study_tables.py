@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp.metrics import compute_metrics
-from rcmqp.study.comparisons import comparison_table, side_by_side
-from rcmqp.study.experiment_b import device_jump
-from rcmqp.study.figures import groups_figure, trial_figure
-from rcmqp.study.outcome import TRACES, Outcome
-from rcmqp.study.perform import Performed
-from rcmqp.study.plan import Law, Study
-from rcmqp.study.record import Record
-from rcmqp.study.statistics import Effect, effect, summary
-from rcmqp.study.tables import JUMP, outcomes_csv, table
+from rcmqp.experiments.study.comparisons import comparison_table, side_by_side
+from rcmqp.experiments.study.experiment_b import device_jump
+from rcmqp.experiments.study.figures import groups_figure, trial_figure
+from rcmqp.experiments.study.outcome import TRACES, Outcome
+from rcmqp.experiments.study.perform import Performed
+from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.record import Record
+from rcmqp.experiments.study.statistics import Effect, effect, summary
+from rcmqp.experiments.study.tables import JUMP, outcomes_csv, table
+from rcmqp.runs.metrics import compute_metrics
 
 
 def test_intervals_are_students() -> None:

@@ -10,18 +10,18 @@ import pinocchio as pin
 import pytest
 from helpers import assert_allclose, derivative, shaft_distance
 
-from rcmqp import dualquaternion as dq
 from rcmqp import load_arm
-from rcmqp.arm import ArmState
 from rcmqp.controllers import make_controller
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.insertion import Insertion, insertion_depth
-from rcmqp.instrument import Instrument
-from rcmqp.objectives import Objective, make_objective
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.problem import InvalidProblem
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks import TASKS, ObjectiveTask, PostureTask, Residual, Task, make_task
+from rcmqp.tasks.objectives import Objective, make_objective
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion, insertion_depth
+from rcmqp.world.instrument import Instrument
 
 ARMS = ("lwa3", "kinova", "panda", "ur5", "z1")
 DERIVED = sorted(set(TASKS) - {"objective"})  # errors whose derivative the Jacobian is

@@ -26,16 +26,16 @@ from rcmqp import (
     simulate,
 )
 from rcmqp.cli import main
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, ToolMissing, UnknownName, ViewError
-from rcmqp.insertion import rcm_error
-from rcmqp.labels import run_labels
-from rcmqp.scene import Sphere
-from rcmqp.viewer import browser, capture, page
-from rcmqp.viewer.scene import surroundings
-from rcmqp.viewer.shapes import arm_parts
-from rcmqp.viewer.table import metrics_table, versions_text
-from rcmqp.viewer.timeline import BINS, envelope, frames, slip, stopped
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.labels import run_labels
+from rcmqp.show.viewer import browser, capture, page
+from rcmqp.show.viewer.scene import surroundings
+from rcmqp.show.viewer.shapes import arm_parts
+from rcmqp.show.viewer.table import metrics_table, versions_text
+from rcmqp.show.viewer.timeline import BINS, envelope, frames, slip, stopped
+from rcmqp.world.insertion import rcm_error
+from rcmqp.world.obstacles import Sphere
 
 
 def helix(duration: float = 0.4, period: float = 0.004, arm: str = "lwa3", **options: Any) -> Run:

@@ -14,12 +14,12 @@ import pytest
 
 from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.cli import main as command_line
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, RunFileError, ViewError
-from rcmqp.viewer import browser, capture
-from rcmqp.viewer.browser import ffmpeg_path, opened
-from rcmqp.viewer.build import write_page
-from rcmqp.viewer.capture import snapshot, video
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.viewer import browser, capture
+from rcmqp.show.viewer.browser import ffmpeg_path, opened
+from rcmqp.show.viewer.build import write_page
+from rcmqp.show.viewer.capture import snapshot, video
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

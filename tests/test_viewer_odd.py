@@ -14,12 +14,12 @@ from helpers import assert_allclose
 from opened import Opened, opening
 
 from rcmqp import Run, Scenario, load_arm, make_controller, simulate
-from rcmqp.dualquaternion import Array
-from rcmqp.palette import COLOURS
-from rcmqp.paths import ConicalHelix
-from rcmqp.viewer.browser import open_page
-from rcmqp.viewer.build import write_page
-from rcmqp.viewer.shapes import arm_parts
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.paths import ConicalHelix
+from rcmqp.show.palette import COLOURS
+from rcmqp.show.viewer.browser import open_page
+from rcmqp.show.viewer.build import write_page
+from rcmqp.show.viewer.shapes import arm_parts
 
 LIFT = """
 <link name="floor"><visual><geometry><box size="0.2 0.2 0.1"/></geometry>

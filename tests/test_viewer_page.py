@@ -13,10 +13,10 @@ from helpers import assert_allclose
 from opened import Opened, opening
 
 from rcmqp import Run, Scenario, make_controller, simulate
-from rcmqp import dualquaternion as dq
-from rcmqp.palette import COLOURS
-from rcmqp.paths import ViewMoves
-from rcmqp.scene import Sphere
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.paths import ViewMoves
+from rcmqp.show.palette import COLOURS
+from rcmqp.world.obstacles import Sphere
 
 VIEW = (0.13, 0.06, 0.0, 0.05)
 CONTROLLERS = ("dual_quaternion", "hierarchical_qp")

@@ -12,15 +12,15 @@ from helpers import assert_allclose
 from opened import Opened, opening
 
 from rcmqp import Run, load_scenario, make_controller, simulate
-from rcmqp import dualquaternion as dq
-from rcmqp.camera import Pinhole, camera_pose
-from rcmqp.dualquaternion import Array
-from rcmqp.labels import GIVEN
-from rcmqp.motions import Sinusoid
-from rcmqp.operators import CameraTrial
-from rcmqp.palette import COLOURS, SPHERES
-from rcmqp.scene import Sphere
-from rcmqp.viewer.timeline import slip
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.operators import CameraTrial
+from rcmqp.show.labels import GIVEN
+from rcmqp.show.palette import COLOURS, SPHERES
+from rcmqp.show.viewer.timeline import slip
+from rcmqp.world.camera import Pinhole, camera_pose
+from rcmqp.world.motions import Sinusoid
+from rcmqp.world.obstacles import Sphere
 
 GAINS = (60.0, 20.0)
 

@@ -11,9 +11,9 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import load_arm
-from rcmqp.dualquaternion import Array
-from rcmqp.viewer.collada_ import triangles
-from rcmqp.viewer.surface import GRAIN, NORMAL_GRAIN, smooth
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.viewer.collada_ import triangles
+from rcmqp.show.viewer.surface import GRAIN, NORMAL_GRAIN, smooth
 
 QUAD = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 import rcmqp
 from rcmqp.cli import compare, hands, lists, loopback, report, reproduce, run, study, viewer
-from rcmqp.console import err, out
+from rcmqp.cli.console import err, out
 from rcmqp.errors import RcmqpError
 
 app = typer.Typer(

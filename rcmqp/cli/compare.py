@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
@@ -20,8 +20,9 @@ from rcmqp.cli.options import (
 )
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.loading import arm_names
-from rcmqp.scenario_loading import scenario_module
+from rcmqp.runs.loading import scenario_module
+from rcmqp.show.tables import tables
+from rcmqp.world.loading import arm_names
 
 
 def compare(
@@ -78,7 +79,7 @@ def compare(
     folder gets every run, comparison.csv, comparison.md and a figure of the errors for each
     scenario and arm. The numbers, but for times, do not depend on the number of jobs.
     """
-    from rcmqp import compare as comparison  # joblib and matplotlib take long to import
+    from rcmqp.experiments import compare as comparison  # joblib takes long to import
 
     changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     given = settings or []
@@ -111,7 +112,7 @@ def compare(
     if as_json:
         console.print_json([console.row_json(row) for row in rows])
     else:
-        console.print_tables(comparison.tables(rows))
+        console.print_tables(tables(rows))
         console.print_written(folder, ": all columns in comparison.md and comparison.csv")
     if any(row.failure for row in rows):
         raise typer.Exit(1)

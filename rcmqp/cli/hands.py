@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from rcmqp.cli.console import out, print_written
 from rcmqp.cli.study import PRACTICE, Operators, Seed, learning_of
-from rcmqp.console import out, print_written
 
 
 def hands(
@@ -31,7 +31,7 @@ def hands(
     For example, rcmqp hands surgeon.csv --scale 0.001 --out hands. The table and the figure show
     speed spectra, SPARC and LDLJ; nothing of the model was fitted to them.
     """
-    from rcmqp.study.hands import compare_hands  # SciPy and joblib take long to import
+    from rcmqp.experiments.study.hands import compare_hands  # SciPy and joblib take long to import
 
     found = compare_hands(
         recordings,

@@ -7,13 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
+from rcmqp.cli.console import out
 from rcmqp.cli.options import AsJson, FlangeOption
-from rcmqp.console import out
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.errors import UnknownName
-from rcmqp.loading import arm_names, load_arm
-from rcmqp.scenario_loading import scenario_module, scenario_names
+from rcmqp.runs.loading import scenario_module, scenario_names
+from rcmqp.world.loading import arm_names, load_arm
 
 
 def arms(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rcmqp.console import out
+from rcmqp.cli.console import out
 from rcmqp.controllers.settings import options_of
 
 
@@ -35,7 +35,7 @@ def loopback(
     went. Ends with exit code 1 where the loop stopped before its time, and after Ctrl-C or
     SIGTERM, which stop the arm first, with 130 or 143.
     """
-    from rcmqp.loopback import run_loopback
+    from rcmqp.realtime.loopback import run_loopback
 
     options = options_of(controller, settings or [])
     report = run_loopback(

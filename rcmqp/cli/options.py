@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rcmqp.arm_limits import ArmLimits
 from rcmqp.errors import OptionError
-from rcmqp.governor import Governor
+from rcmqp.references.governor import Governor
+from rcmqp.world.arm_limits import ArmLimits
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 FlangeOption = Annotated[

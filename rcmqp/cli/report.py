@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
 from rcmqp.cli.options import Files
-from rcmqp.run import Run
+from rcmqp.runs.run import Run
 
 
 def report(
@@ -28,7 +28,7 @@ def report(
     the same as Markdown and CSV; figures as PNG and PDF; and for each scenario and arm a page to
     play its runs in and the scenario itself.
     """
-    from rcmqp.report.build import write_report  # matplotlib takes long to import
+    from rcmqp.show.report.build import write_report  # matplotlib takes long to import
 
     runs = [Run.load(file) for file in files]
     for path in write_report(runs, folder, files=[file.name for file in files]):

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
+from rcmqp.cli.console import out
 from rcmqp.cli.options import JOBS, AsJson
 from rcmqp.cli.study import OPERATORS, PRACTICE, SEED, reproduce_b
-from rcmqp.console import out
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.metrics import compute_metrics
+from rcmqp.runs.metrics import compute_metrics
+from rcmqp.show.tables import tables
 
 
 def reproduce(
@@ -60,8 +61,7 @@ def reproduce(
         processes = 1 if jobs is None else jobs
         reproduce_b(folder, people, seed or 0, processes, as_json, factors, practice)
         return
-    from rcmqp import compare  # joblib and matplotlib take long to import
-    from rcmqp.reproduce import reproduce_a
+    from rcmqp.experiments.experiment_a import reproduce_a
 
     with console.bar(quiet=as_json) as advance:
         found = reproduce_a(folder, duration=duration, progress=advance)
@@ -70,6 +70,6 @@ def reproduce(
         console.print_json([console.run_json(each, compute_metrics(each)) for each in runs])
         return
     out.print(found.table, markup=False, highlight=False, soft_wrap=True)
-    console.print_tables(compare.tables(found.beside))
+    console.print_tables(tables(found.beside))
     for path in found.files:
         console.print_written(path)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
@@ -21,12 +21,12 @@ from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
-from rcmqp.head import check_replaceable
-from rcmqp.loading import arm_names
-from rcmqp.run import Run
-from rcmqp.run_file import RunFile
-from rcmqp.scenario_loading import load_scenario
-from rcmqp.simulate import record, simulate
+from rcmqp.runs.head import check_replaceable
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.run import Run
+from rcmqp.runs.run_file import RunFile
+from rcmqp.runs.simulate import record, simulate
+from rcmqp.world.loading import arm_names
 
 
 def run(
@@ -135,7 +135,7 @@ def _show(file: Path, as_json: bool) -> None:
 
 def _draw(result: Run, folder: Path, stem: str) -> list[Path]:
     """Trajectory and errors of a run, as PNG and PDF."""
-    from rcmqp import plots  # matplotlib takes long to import
+    from rcmqp.show import plots  # matplotlib takes long to import
 
     make_folder(folder)
     check_writable(folder / f"{stem}_errors.pdf")

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
+from rcmqp.cli.console import out
 from rcmqp.cli.options import AccelerationOption, FlangeOption, JerkOption, Jobs, limits_of
-from rcmqp.console import out
 from rcmqp.errors import OptionError
-from rcmqp.operators import Learning
+from rcmqp.references.operators import Learning
 
 if TYPE_CHECKING:
-    from rcmqp.study.outcome import Outcome
+    from rcmqp.experiments.study.outcome import Outcome
 
 OPERATORS = typer.Option(help="How many simulated people, 20 without it; novices take turns.")
 SEED = typer.Option(help="Of everything random; 0 without it.")
@@ -73,9 +73,9 @@ def study(
 
       rcmqp study study/runs/dual_quaternion_8ms_operator0003.h5 --out again
     """
-    from rcmqp.study.perform import perform  # joblib and SciPy take long to import
-    from rcmqp.study.plan import Law, Study
-    from rcmqp.study.report import write_figures, write_tables
+    from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
+    from rcmqp.experiments.study.plan import Law, Study
+    from rcmqp.experiments.study.report import write_figures, write_tables
 
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder)
@@ -108,7 +108,7 @@ def reproduce_b(
     practice: float | None,
 ) -> None:
     """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
-    from rcmqp.study import experiment_b  # joblib and SciPy take long to import
+    from rcmqp.experiments.study import experiment_b  # joblib and SciPy take long to import
 
     with console.bar(quiet=as_json) as advance:
         found = experiment_b.reproduce_b(
@@ -139,7 +139,7 @@ def _print(
     files: Sequence[Path],
     as_json: bool,
 ) -> None:
-    from rcmqp.study.record import plain
+    from rcmqp.experiments.study.record import plain
 
     for note in notes:
         console.err.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
@@ -156,9 +156,9 @@ def _print(
 
 def _remake(trial: Path, folder: Path) -> None:
     """Simulate a trial again and keep its run."""
+    from rcmqp.experiments.study.perform import remake
+    from rcmqp.experiments.study.record import Record
     from rcmqp.files import check_writable, make_folder
-    from rcmqp.study.perform import remake
-    from rcmqp.study.record import Record
 
     file = make_folder(folder) / trial.name
     if file.resolve() == trial.resolve():

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from rcmqp import console
+from rcmqp.cli import console
+from rcmqp.cli.console import err
 from rcmqp.cli.options import Files
-from rcmqp.console import err
 from rcmqp.errors import OptionError
 from rcmqp.files import check_ending
-from rcmqp.run import Run
+from rcmqp.runs.run import Run
 
 Dark = Annotated[bool, typer.Option("--dark", help="On a dark background, not a white one.")]
 CameraOption = Annotated[
@@ -48,7 +48,7 @@ def view(
     import tempfile
     import webbrowser
 
-    from rcmqp.viewer.build import ENDINGS, write_page
+    from rcmqp.show.viewer.build import ENDINGS, write_page
 
     if page is not None:
         check_ending(page, *ENDINGS)
@@ -86,7 +86,7 @@ def snapshot(
 
       rcmqp snapshot helix.h5 --time 5 --camera endoscope --out inside.png
     """
-    from rcmqp.viewer import capture
+    from rcmqp.show.viewer import capture
 
     runs = [Run.load(each) for each in files]
     written = capture.snapshot(runs, file, time=time, camera=camera, size=_size(size), dark=dark)
@@ -107,7 +107,7 @@ def video(
 
       rcmqp video helix.h5 --out helix.mp4
     """
-    from rcmqp.viewer import capture
+    from rcmqp.show.viewer import capture
 
     runs = [Run.load(each) for each in files]
     with console.bar(quiet=False) as advance:

@@ -19,7 +19,7 @@ from rcmqp.controllers.task_priority import TaskPriority, TaskReconstructionLaw
 from rcmqp.controllers.vfi_qp import VfiQP
 from rcmqp.controllers.weighted_qp import WeightedQP
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.insertion import Insertion
+from rcmqp.world.insertion import Insertion
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "dual_quaternion": DualQuaternion,

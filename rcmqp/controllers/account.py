@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from rcmqp.arm import Arm, ArmState
 from rcmqp.limits.joints import JointLimits, braking_speed
 from rcmqp.qp import HierarchySolution, LevelResult
 from rcmqp.tasks import TASKS
+from rcmqp.world.arm import Arm, ArmState
 
 MOST_NAMES = 3
 """Limits that a level's line names, the heaviest first."""

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, check_between, check_gain
 from rcmqp.controllers.pseudoinverse import in_order
-from rcmqp.dualquaternion import Array
-from rcmqp.reference import Reference
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Reference
 from rcmqp.tasks import TipTask
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,16 +14,16 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from rcmqp._kernel import all_finite, record
-from rcmqp.arm import ArmState
-from rcmqp.braking import Brake
 from rcmqp.controllers.account import explained
+from rcmqp.controllers.braking import Brake
 from rcmqp.controllers.checks import as_numbers, fault, is_usable
-from rcmqp.dualquaternion import Array
+from rcmqp.controllers.given import Given
 from rcmqp.errors import OptionError
-from rcmqp.given import Given
-from rcmqp.insertion import Insertion
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import HierarchySolution, InvalidProblem
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 ABSURD = 1e9
 """A joint velocity above this comes of absurd numbers, and counts as none [rad/s]."""

@@ -8,12 +8,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp import dualquaternion as dq
 from rcmqp._kernel import all_finite, usable
-from rcmqp.arm import ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.reference import Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
 
 UNIT_TOLERANCE = 1e-6
 """How far x_d may be from a unit dual quaternion."""

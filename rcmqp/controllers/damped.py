@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, check_gain
 from rcmqp.controllers.pseudoinverse import SingularValues
-from rcmqp.dualquaternion import Array
-from rcmqp.reference import Reference
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Reference
 from rcmqp.tasks import PoseTask
 from rcmqp.tasks.base import check_positive
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmqp import _kernel
-from rcmqp import dualquaternion as dq
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_not_negative
+from rcmqp.controllers.given import Given
 from rcmqp.controllers.pseudoinverse import SingularValues
-from rcmqp.dualquaternion import C8, Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.given import Given
-from rcmqp.objectives import Objective, make_objective
-from rcmqp.reference import Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import C8, Array
+from rcmqp.references.view import Reference
+from rcmqp.tasks.objectives import Objective, make_objective
+from rcmqp.world.arm import ArmState
 
 VELOCITY_LIMITS = ("none", "scale", "clip")
 RANK_TOLERANCE = 1e-12

@@ -10,20 +10,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
+from rcmqp.controllers.given import JOINT_LIMITS, Given
 from rcmqp.controllers.program import LevelOfTasks, Program
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.given import JOINT_LIMITS, Given
-from rcmqp.insertion import Insertion
 from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy, HierarchySolution, Level
 from rcmqp.qp.levels import Answer
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
 from rcmqp.tasks.base import Approach
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 CONE_DECELERATION = 1.0
 """What the shaft may be slowed down with before the cone's edge [rad/s^2]."""

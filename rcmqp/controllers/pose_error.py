@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rcmqp import dualquaternion as dq
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, check_between, check_gain
 from rcmqp.controllers.pseudoinverse import SingularValues
-from rcmqp.reference import Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

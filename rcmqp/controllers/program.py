@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmqp import _kernel
-from rcmqp.arm import Arm
-from rcmqp.dualquaternion import Array
 from rcmqp.limits import JointLimits, Limit
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.tasks import Task, Together
+from rcmqp.world.arm import Arm
 
 LevelOfTasks: TypeAlias = Task | Together
 

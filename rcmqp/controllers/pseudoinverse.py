@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

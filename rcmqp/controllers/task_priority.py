@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import (
     at_rest,
@@ -16,12 +15,17 @@ from rcmqp.controllers.checks import (
     check_not_negative,
 )
 from rcmqp.controllers.pseudoinverse import in_order
-from rcmqp.dualquaternion import translation
-from rcmqp.objectives import make_objective
-from rcmqp.reference import Reference
-from rcmqp.task_reconstruction import TaskReconstruction, manipulability, shaft_jacobian
+from rcmqp.controllers.task_reconstruction import (
+    TaskReconstruction,
+    manipulability,
+    shaft_jacobian,
+)
+from rcmqp.maths.dualquaternion import translation
+from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, TipTask
 from rcmqp.tasks.base import check_finite
+from rcmqp.tasks.objectives import make_objective
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +145,9 @@ class TaskReconstructionLaw(TaskPriority):
     """TaskPriority with the tip's task reconstructed near singularities (Kim et al. 2004).
 
     Below ``reconstruct_from`` times the manipulability at the insertion's start, what leads the
-    tip further into a singularity is taken out of its task, see rcmqp.task_reconstruction; the
-    RCM's rows are left as they are. Elsewhere it is TaskPriority to the bit.
+    tip further into a singularity is taken out of its task, see
+    rcmqp.controllers.task_reconstruction; the RCM's rows are left as they are. Elsewhere it is
+    TaskPriority to the bit.
 
     Chosen here: half of the start's manipulability, and TaskPriority as the law it is put on.
 

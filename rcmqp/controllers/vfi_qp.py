@@ -9,17 +9,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, check_between, check_gain, check_not_negative
-from rcmqp.dualquaternion import Array
+from rcmqp.controllers.given import Given
 from rcmqp.errors import OptionError
-from rcmqp.given import Given
 from rcmqp.limits import KeepOut, combine
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Bounds, Hierarchy, Level, get_solver
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks import PoseTask, RcmTask, TipTask
 from rcmqp.tasks.base import check_positive
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

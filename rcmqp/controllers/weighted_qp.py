@@ -7,15 +7,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from rcmqp.arm import ArmState
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
+from rcmqp.controllers.given import JOINT_LIMITS
 from rcmqp.controllers.hierarchical_qp import default_limits
-from rcmqp.given import JOINT_LIMITS
 from rcmqp.limits import Limit, combine
 from rcmqp.qp import QP, QPSolver, Status, get_solver
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask, Together
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 #define RCMQP_DRAWN_H
 
 /* A path drawn from rest to rest: a conical helix (r_0, r_1, pitch, turns), a circle (radius,
- * turns) or a Lissajous figure (a, b, c, turns); see rcmqp/paths. */
+ * turns) or a Lissajous figure (a, b, c, turns); see rcmqp/references/paths. */
 typedef enum { HELIX, CIRCLE, LISSAJOUS } Figure;
 
 typedef struct {

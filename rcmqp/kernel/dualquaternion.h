@@ -1,4 +1,5 @@
-/* Dual quaternions (8), w first, one at a time; rcmqp/dualquaternion.py says the same in numpy. */
+/* Dual quaternions (8), w first, one at a time; rcmqp/maths/dualquaternion.py says the same in
+ * numpy. */
 #ifndef RCMQP_DUALQUATERNION_H
 #define RCMQP_DUALQUATERNION_H
 

@@ -1,4 +1,4 @@
-/* One part of the planner's way to a far view; rcmqp/planner.py says what it is. */
+/* One part of the planner's way to a far view; rcmqp/references/planner.py says what it is. */
 #ifndef RCMQP_PLANNING_H
 #define RCMQP_PLANNING_H
 

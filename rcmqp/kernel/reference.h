@@ -1,4 +1,4 @@
-/* References by equation (5), one at a time; rcmqp/reference.py says what they are. */
+/* References by equation (5), one at a time; rcmqp/references/view.py says what they are. */
 #ifndef RCMQP_REFERENCE_H
 #define RCMQP_REFERENCE_H
 

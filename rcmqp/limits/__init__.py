@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 from rcmqp.errors import OptionError
-from rcmqp.insertion import Insertion
 from rcmqp.limits.base import Constraint, Damper, Limit, combine, intersect
 from rcmqp.limits.entry_sphere import EntrySphere
 from rcmqp.limits.joints import JointLimits, braking_speed
@@ -19,6 +18,7 @@ from rcmqp.limits.spheres import SphereLimit
 from rcmqp.limits.trocar_cone import TrocarCone
 from rcmqp.limits.trocar_depth import TrocarDepth
 from rcmqp.tasks.base import check_name
+from rcmqp.world.insertion import Insertion
 
 LIMITS: dict[str, type[Limit]] = {
     limit.name: limit

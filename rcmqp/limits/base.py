@@ -11,14 +11,14 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.arm import ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
-from rcmqp.insertion import Insertion
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Bounds
 from rcmqp.qp.problem import InvalidProblem
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import check_positive, filled_in
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

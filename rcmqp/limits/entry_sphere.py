@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rcmqp.arm import ArmState
 from rcmqp.limits.base import Constraint
 from rcmqp.limits.spheres import SphereLimit, direction
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

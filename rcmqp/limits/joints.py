@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.arm import Arm, ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
 from rcmqp.limits.base import Constraint, Limit
-from rcmqp.reference import Reference
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import check_positive
+from rcmqp.world.arm import Arm, ArmState
 
 NEAR_SHARE = 0.8
 """Share of the deceleration behind a speed limit near a position limit that braking counts on."""

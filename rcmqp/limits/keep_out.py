@@ -8,11 +8,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
-from rcmqp.insertion import Insertion
 from rcmqp.limits.base import Constraint
 from rcmqp.limits.spheres import CENTRE, SphereLimit, check_part, direction
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

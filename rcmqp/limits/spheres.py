@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.arm import ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.instrument import Instrument, Vector3, vector3
 from rcmqp.limits.base import Damper
-from rcmqp.reference import Reference
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import check_finite, check_positive
+from rcmqp.world.arm import ArmState
+from rcmqp.world.instrument import Instrument, Vector3, vector3
 
 PARTS = ("tip", "shaft")
 CENTRE = 1e-9

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
-from rcmqp.instrument import Trocar
 from rcmqp.limits.base import Constraint, Damper
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
+from rcmqp.world.instrument import Trocar
 
 CENTRE = 1e-6
 """Sine of the angle below which the shaft is on the cone's axis, and tilts in no direction."""

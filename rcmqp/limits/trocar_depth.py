@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
-from rcmqp.instrument import Trocar
 from rcmqp.limits.base import Constraint, Damper
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import check_finite
+from rcmqp.world.arm import ArmState
+from rcmqp.world.instrument import Trocar
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from rcmqp.arm import Arm
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.arm import Arm
 
 
 class Drive(Protocol):

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmqp.arm import Arm
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.plants.base import Drive
+from rcmqp.world.arm import Arm
 
 
 @dataclass(frozen=True, slots=True)

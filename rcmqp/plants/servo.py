@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.arm import Arm
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.plants.base import Drive
+from rcmqp.world.arm import Arm
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Answer, Bounds, HierarchySolution, Level
 from rcmqp.qp.problem import QP, InvalidProblem, QPSolver, Status, checked
 from rcmqp.qp.solvers import get_solver, solver_names

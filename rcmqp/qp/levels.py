@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rcmqp.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.problem import InvalidProblem, Status, checked
 
 Flags: TypeAlias = NDArray[np.bool_]

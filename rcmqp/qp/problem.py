@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import RcmqpError
+from rcmqp.maths.dualquaternion import Array
 
 
 class InvalidProblem(RcmqpError, ValueError):

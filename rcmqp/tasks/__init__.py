@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from rcmqp.insertion import Insertion
 from rcmqp.tasks.base import Residual, Task, Together, check_name
 from rcmqp.tasks.depth import DepthTask
 from rcmqp.tasks.direction import DirectionTask
@@ -18,6 +17,7 @@ from rcmqp.tasks.posture import PostureTask
 from rcmqp.tasks.rcm import RcmTask
 from rcmqp.tasks.roll import RollTask
 from rcmqp.tasks.tip import TipTask
+from rcmqp.world.insertion import Insertion
 
 TASKS: dict[str, type[Task]] = {
     task.name: task

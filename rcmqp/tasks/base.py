@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
-from rcmqp.dualquaternion import Array
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.insertion import Insertion
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Level
 from rcmqp.qp.problem import InvalidProblem
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 Program: TypeAlias = tuple[tuple[float, ...], tuple[ArrayLike, ...]]
 """Kind, root of the weight and parameters; vectors (nv,)."""

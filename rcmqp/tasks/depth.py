@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import pinocchio as pin
 
-from rcmqp.arm import ArmState
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Residual, Task
 from rcmqp.tasks.desired import desired
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rcmqp import dualquaternion as dq
-from rcmqp.dualquaternion import Array
-from rcmqp.reference import Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Reference
 
 
 @dataclass(frozen=True, slots=True, eq=False)

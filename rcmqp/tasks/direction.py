@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.arm import ArmState
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Residual, Task
 from rcmqp.tasks.desired import desired
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

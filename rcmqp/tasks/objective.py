@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rcmqp.arm import ArmState
 from rcmqp.errors import OptionError
-from rcmqp.insertion import Insertion
-from rcmqp.objectives import Objective, make_objective
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Program, Residual, Task, check_finite, check_positive
+from rcmqp.tasks.objectives import Objective, make_objective
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, eq=False)

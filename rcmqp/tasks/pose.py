@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp import _kernel
-from rcmqp import dualquaternion as dq
-from rcmqp.arm import ArmState
-from rcmqp.dualquaternion import C8
-from rcmqp.reference import Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import C8
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Program, Residual, Task
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

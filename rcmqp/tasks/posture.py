@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
 from rcmqp.errors import OptionError
-from rcmqp.insertion import Insertion
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Program, Residual, Task
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState, kinematic_hessian
 from rcmqp.errors import OptionError
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Program, Residual, Task
+from rcmqp.world.arm import ArmState, kinematic_hessian
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from rcmqp import _kernel
-from rcmqp import dualquaternion as dq
-from rcmqp.arm import ArmState
-from rcmqp.reference import Reference
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Program, Residual, Task
 from rcmqp.tasks.desired import desired
+from rcmqp.world.arm import ArmState
 
 OPPOSITE = 1e-12
 """Below this w^2 + z^2 the shafts point apart and there is no roll between them."""

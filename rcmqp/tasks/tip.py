@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp import _kernel
-from rcmqp.arm import ArmState
-from rcmqp.reference import Reference
+from rcmqp.references.view import Reference
 from rcmqp.tasks.base import Program, Residual, Task, check_finite
 from rcmqp.tasks.desired import desired
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp import ViewCommand
-from rcmqp.paths import Circle, ConicalHelix, Path, ViewMoves
+from rcmqp.references.paths import Circle, ConicalHelix, Path, ViewMoves
 
 PERIOD = 1e-3
 """A cycle of Franka's interface [s]."""

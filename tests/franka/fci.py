@@ -25,10 +25,10 @@ from rcmqp import (
     make_controller,
     view_pose,
 )
-from rcmqp.arm_limits import SpeedNearLimits
 from rcmqp.controllers.base import Controller
-from rcmqp.dualquaternion import Array
-from rcmqp.insertion import rcm_error
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.arm_limits import SpeedNearLimits
+from rcmqp.world.insertion import rcm_error
 
 URDF = Path(__file__).with_name("fr3.urdf")
 

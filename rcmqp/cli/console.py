@@ -1,0 +1,389 @@
+"""What the command line prints: tables, JSON, warnings, progress."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column, Table
+
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.metrics import (
+    ROUNDING,
+    Metrics,
+    after_the_stop,
+    against_limit,
+    compute_metrics,
+    readable,
+)
+from rcmqp.runs.run import Run
+from rcmqp.runs.run_file import Recording
+from rcmqp.show.labels import given_cells, given_words
+from rcmqp.show.markdown import TitledTable
+from rcmqp.world.arm import Arm
+
+WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
+RCM_WARNING_MM = 1.0
+"""RCM error above which a run is remarked on: the customary engineering target."""
+
+OBSTACLE_WARNING_MM = 0.01
+"""How far inside an obstacle is remarked on: above what a step's curvature takes."""
+
+out = Console(width=WIDTH, emoji=False)
+err = Console(stderr=True, emoji=False)
+
+REVERSALS_WARNING = 2
+"""Cycles in a row in which a joint may turn round before it is remarked on."""
+
+_ERRORS = (
+    ("tip", "tip", "mm"),
+    ("effector", "effector", "mm"),
+    ("rcm", "RCM", "mm"),
+    ("orientation", "orientation", "mrad"),
+)
+
+
+@contextmanager
+def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+    """A progress bar on stderr: call what it gives with a title, cycles done, and in all."""
+    from rich.progress import Progress, TimeRemainingColumn  # only here, and slow to import
+
+    columns = [*Progress.get_default_columns()[:-1], TimeRemainingColumn()]
+    hidden = quiet or not err.is_terminal
+    with Progress(*columns, console=err, transient=True, disable=hidden) as progress:
+        tasks: dict[str, Any] = {}
+
+        def advance(title: str, done: int, total: int) -> None:
+            if title not in tasks:
+                tasks[title] = progress.add_task(escape(title), total=total)
+            progress.advance(tasks[title], done)
+
+        yield advance
+
+
+def print_json(data: Any) -> None:
+    """One JSON object; what is not finite is null."""
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_written(path: Path, more: str = "") -> None:
+    """Say that a file or folder is written; brackets and colons in its name are its own."""
+    out.print(f"wrote {path}{more}", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """A table of texts; the first column, of names, is never cut."""
+    first, *others = map(escape, heads)
+    table = Table(
+        Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False, collapse_padding=True
+    )
+    for row in rows:
+        table.add_row(*map(escape, row))
+    out.print(table)
+
+
+def print_tables(tables: Iterable[TitledTable]) -> None:
+    """Those of a comparison's tables that matter most, each below its title."""
+    for table in tables:
+        if table.main:
+            out.print(table.title, markup=False, highlight=False, soft_wrap=True)
+            heads = [head.replace("-", "- ") for head in table.heads]
+            columns = map(_narrow, zip(heads, *table.rows, strict=True))
+            first, *rows = zip(*columns, strict=True)
+            print_table(first, rows)
+
+
+def _narrow(texts: Sequence[str]) -> list[str]:
+    """Texts of a column in lines that break at spaces only, and are as short as that allows."""
+    width = max((len(word) for text in texts for word in text.split()), default=1)
+    return [textwrap.fill(text, width, break_on_hyphens=False) for text in texts]
+
+
+def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
+    """What came of a run; what it should not have done, on stderr."""
+    metrics = compute_metrics(result)
+    if as_json:
+        print_json(run_json(result, metrics))
+    else:
+        out.print(result.title, markup=False, highlight=False, soft_wrap=True)
+        words = ", ".join(given_words(given_cells(result.head)).values())
+        out.print(words, markup=False, highlight=False, soft_wrap=True)
+        rows = []
+        for name, label, unit in _ERRORS:
+            values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
+            rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
+        print_table(("error", "rms", "95 %", "max"), rows)
+        for line in (
+            *_path_end(metrics),
+            *_summary(metrics),
+            *_governed(result),
+        ):
+            out.print(line, highlight=False, markup=False)
+        if file is not None:
+            out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
+    for remark in warnings(result, metrics):
+        err.print(f"[yellow]warning:[/] {escape(remark)}", highlight=False, soft_wrap=True)
+
+
+def warnings(run: Recording, metrics: Metrics) -> list[str]:
+    """What a run did that a patient or an arm would not allow, each with where and when."""
+    head = run.head
+    period, trocar = head.scenario.period, head.scenario.trocar
+    below, above = trocar.depth_range
+    found = []
+    for reason, cycles in head.stops.items():
+        found.append(
+            f"the controller stopped safely in {len(cycles)} of {run.column('time').shape[0]} "
+            f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
+        )
+    if metrics.speed_ratio_max > 1.0 + ROUNDING:
+        where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
+        found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
+    if metrics.acceleration_ratio_max > 1.0 + ROUNDING:
+        found.append(
+            "the joints were asked for up to "
+            f"{metrics.acceleration_ratio_max:.3g} times their "
+            f"{'assumed ' if 'acceleration' in head.assumed else ''}acceleration limits"
+        )
+    if metrics.limit_margin_min_rad < -ROUNDING:
+        where = _where(
+            run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
+        )
+        found.append(
+            f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} rad; start "
+            "elsewhere, or try --set objective=joint_centring or --set K_c=0"
+        )
+    if metrics.rcm_max_mm > RCM_WARNING_MM:
+        found.append(f"the RCM error reached {metrics.rcm_max_mm:.3g} mm")
+    if metrics.depth_min_mm < 1e3 * below or metrics.depth_max_mm > 1e3 * above:
+        found.append(
+            f"the tip went from {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm, the "
+            f"trocar allows {1e3 * below:.1f} to {1e3 * above:.1f} mm"
+        )
+    if 1e-3 * metrics.tilt_max_mrad > trocar.cone_half_angle:
+        found.append(
+            f"the shaft tilted by {math.degrees(1e-3 * metrics.tilt_max_mrad):.1f} deg, the cone "
+            f"allows {math.degrees(trocar.cone_half_angle):.1f} deg"
+        )
+    inside = -metrics.obstacle_distance_min_mm
+    if inside > OBSTACLE_WARNING_MM:
+        found.append(f"the instrument went {inside:.3g} mm into an obstacle")
+    if metrics.reversals_in_a_row > REVERSALS_WARNING:
+        found.append(
+            f"a joint turned round in {metrics.reversals_in_a_row:.0f} cycles in a row: the "
+            "controller rattles"
+        )
+    gain = float(head.options.get("gain", 0.0)) * period
+    if gain > 1.0:
+        found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")
+    return found
+
+
+def print_arms(arms: Iterable[Arm]) -> None:
+    """A line an arm."""
+    rows = [
+        (
+            arm.name,
+            str(arm.nv),
+            f"{arm.reach:.2f}",
+            _span(np.degrees(arm.upper - arm.lower)),
+            _span(np.degrees(arm.velocity)),
+            _span(np.degrees(arm.acceleration)).replace("endless", "no limit"),
+            _span(np.degrees(arm.jerk)).replace("endless", "no limit"),
+            "both" if len(arm.assumed) == 2 else "".join(arm.assumed),
+            arm.licence,
+        )
+        for arm in arms
+    ]
+    heads = ("name", "joints", "reach", "travel", "speed", "acceleration", "jerk")
+    print_table((*heads, "assumed", "licence"), rows)
+    out.print(
+        "In m, deg, deg/s, deg/s^2, deg/s^3. Assumed: which of acceleration and jerk no source "
+        "gives;\na careful value stands in. rcmqp arms NAME lists one arm's joints.",
+        style="dim",
+    )
+
+
+def print_arm(arm: Arm) -> None:
+    """A line a joint."""
+    out.print(
+        f"{arm.title}: reach {arm.reach:.3f} m, flange {arm.flange}, licence {arm.licence}",
+        soft_wrap=True,
+        highlight=False,
+        markup=False,
+    )
+    print_table(
+        ("joint", "lower", "upper", "speed", "acceleration", "jerk", "home"),
+        [
+            (
+                joint,
+                *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper, arm.velocity)),
+                _limit(arm.acceleration[i], bool(arm.is_assumed("acceleration")[i])),
+                _limit(arm.jerk[i], bool(arm.is_assumed("jerk")[i])),
+                f"{arm.home[i]:.4f}",
+            )
+            for i, joint in enumerate(arm.joints)
+        ],
+    )
+    note = "In rad, rad/s, rad/s^2, rad/s^3 (m for prismatic joints)."
+    if arm.assumed:
+        note += f" Assumed, as no source gives it: {' and '.join(sorted(arm.assumed))}."
+    if arm.speed_near_limits is not None:
+        note += " Near its position limits a joint may move only more slowly."
+    out.print(note, style="dim", soft_wrap=True)
+
+
+def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
+    """What rcmqp run --json prints."""
+    head = result.head
+    return {
+        "scenario": head.scenario.name,
+        "arm": head.scenario.arm,
+        "controller": head.controller,
+        "options": dict(head.options),
+        "period": head.scenario.period,
+        "duration": head.scenario.duration,
+        "seed": head.scenario.seed,
+        "path_done": path_done(result),
+        "digest": result.digest,
+        "versions": dict(head.versions),
+        "assumed": list(head.assumed),
+        "given": given_cells(head),
+        "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
+        "warnings": warnings(result, metrics),
+    }
+
+
+def arm_json(arm: Arm) -> dict[str, Any]:
+    """What rcmqp arms --json prints for one arm."""
+    arrays = ("lower", "upper", "velocity", "acceleration", "jerk", "home")
+    return {
+        "name": arm.name,
+        "title": arm.title,
+        "joints": list(arm.joints),
+        "reach": arm.reach,
+        **{name: [_finite(x) for x in getattr(arm, name)] for name in arrays},
+        "assumed": sorted(arm.assumed),
+        "licence": arm.licence,
+    }
+
+
+def row_json(row: object) -> dict[str, Any]:
+    """What rcmqp compare --json prints for one case."""
+    values = dataclasses.asdict(row)  # type: ignore[call-overload]
+    return {name: _finite(x) if isinstance(x, float) else x for name, x in values.items()}
+
+
+def _summary(metrics: Metrics) -> Sequence[str]:
+    margin = against_limit(round(metrics.limit_margin_min_rad, 3) + 0.0, ".3f")
+    return (
+        f"contour error         {readable(metrics.contour_rms_mm, '.5f')} mm rms, "
+        f"{readable(metrics.contour_max_mm, '.5f')} mm max, tip late by "
+        f"{metrics.lag_max_s:.3f} s at most",
+        f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
+        f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
+        f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
+        f"acceleration / limit  {_at_most(metrics.acceleration_ratio_max)}",
+        f"jerk / limit          {_at_most(metrics.jerk_ratio_max)}",
+        f"margin to limits      {margin} rad at least",
+        f"singular value        {metrics.singular_value_min:.4f} at least",
+        f"joints turn round     in {metrics.reversals_in_a_row:.0f} cycles in a row at most, in "
+        f"{metrics.reversals:.0f} in all",
+        f"step of a speed       {readable(metrics.step_ratio_max, '.4f')} of its limit at most",
+        *_after_the_stop(metrics),
+        f"controller step       {metrics.solve_time_median_us:.0f} us median, "
+        f"{metrics.solve_time_p99_us:.0f} us p99, by the clock of this machine",
+    )
+
+
+def _governed(result: Recording) -> Sequence[str]:
+    """How far a path under a governor came; nothing of other runs."""
+    if (done := path_done(result)) is None:
+        return ()
+    rows = result.column("time").shape[0]
+    time, path_time = (result.column(name)[rows - 1 : rows][0] for name in ("time", "path_time"))
+    return (
+        f"path under governor   {100 * done:.1f} % done at the end, "
+        f"its clock {time - path_time:.3f} s behind",
+    )
+
+
+def path_done(result: Recording) -> float | None:
+    """Share of its path's time that a governed run came to; None without a governor."""
+    scenario = result.head.scenario
+    if scenario.governor is None:
+        return None
+    path_time = result.column("path_time")
+    rows = path_time.shape[0]
+    return min(1.0, float(path_time[rows - 1 : rows][0]) / scenario.path.duration)
+
+
+def _path_end(metrics: Metrics) -> list[str]:
+    """That the run goes on after its path has ended, if it does."""
+    if metrics.errors_until_s == metrics.duration_s:
+        return []
+    return [
+        f"path ended            at {metrics.errors_until_s:g} s: rms and 95 % are until then, "
+        f"max is of all {metrics.duration_s:g} s"
+    ]
+
+
+def _after_the_stop(metrics: Metrics) -> list[str]:
+    """How tip and joints come to rest; nothing where the reference does not stop."""
+    if math.isnan(metrics.reference_end_s):
+        return []
+    settling = after_the_stop(metrics.settling_time_s, ".3f")
+    tip = "never for good" if settling == "never" else f"for good after {settling} s"
+    lines = [
+        f"reference stops       at {metrics.reference_end_s:.3f} s; tip error below 1 mm {tip}"
+    ]
+    if not math.isnan(metrics.swing_ratio_end):
+        lines += [
+            f"tip past its end      {after_the_stop(metrics.overshoot_max_mm)} mm at most",
+            f"swing of a speed      {after_the_stop(metrics.swing_ratio_end)} of its limit in the "
+            "last second",
+        ]
+    return lines
+
+
+def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:
+    """Name of the joint whose excess (n, nv) is largest, and when that is."""
+    worst, where = -math.inf, ""
+    for part in run.parts():
+        excess = excess_of(part)
+        row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        if excess[row, column] > worst:
+            worst = excess[row, column]
+            where = f"{part.joints[column]} at {part.time[row]:.3f} s"
+    return where
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _at_most(ratio: float) -> str:
+    """The largest ratio to a limit, for people."""
+    return against_limit(ratio, ".3f") + ("" if math.isnan(ratio) else " at most")
+
+
+def _limit(value: float, assumed: bool) -> str:
+    """An acceleration or jerk limit, for people."""
+    return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
+
+
+def _span(values: Array) -> str:
+    low, high = (f"{x:.0f}".replace("inf", "endless") for x in (np.min(values), np.max(values)))
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,269 @@
+"""The paper's experiment A, run again: both arms, figures, and a table beside the paper's.
+
+It ends with the paper's law beside hierarchical_qp, each with what it is given, and a report of
+all runs.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcmqp.controllers import make_controller
+from rcmqp.controllers.settings import controller_of
+from rcmqp.errors import ToolMissing
+from rcmqp.files import check_writable, make_folder, table
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.metrics import Metrics, against_limit, compute_metrics, until
+from rcmqp.runs.run import Run
+from rcmqp.runs.simulate import simulate
+from rcmqp.show import plots, tables
+from rcmqp.show.labels import GIVEN, given_cells
+from rcmqp.show.report.build import INDEX, NUMBERS, TEXT, write_report
+from rcmqp.show.report.document import Picture, Screenshot, Section
+from rcmqp.show.viewer.browser import chromium_path
+from rcmqp.world.loading import arm_title
+
+ARMS = ("lwa3", "meka_a2")
+PERIODS = (8e-3, 1e-3)
+HELIX, FAST = "conical_helix", "fast_helix"
+LAW, RIVAL = "dual_quaternion", "hierarchical_qp"
+BESIDE = (
+    (HELIX, f"{LAW}:feed_forward=true"),
+    (HELIX, RIVAL),
+    (FAST, f"{LAW}:velocity_limit=scale"),
+    (FAST, f"{LAW}:feed_forward=true,velocity_limit=scale"),
+    (FAST, RIVAL),
+)
+"""Scenarios and controllers that the law is compared with, at the last of PERIODS: with
+feed-forward; and where the arm is too slow, with speed limits."""
+
+FIGURES = ("fig2_trajectories", "fig3_errors", "errors_beside_hierarchical_qp", "errors_too_fast")
+PAPER_RCM_MAX_MM = 0.05
+
+_PAPER_GIVEN = {"feed_forward": "no", "limits_enforced": "none", "gain": "60"}
+
+_ROWS: tuple[tuple[str, str, str, str], ...] = (
+    ("RCM error, max [mm]", "rcm_max_mm", f"< {PAPER_RCM_MAX_MM}", ".4f"),
+    ("RCM error, rms [mm]", "rcm_rms_mm", "not given", ".4f"),
+    ("tip error, rms [mm]", "tip_rms_mm", '"negligible"', ".3f"),
+    ("tip error, max [mm]", "tip_max_mm", '"negligible"', ".3f"),
+    ("effector error, rms [mm]", "effector_rms_mm", "not given", ".3f"),
+    ("orientation error, rms [mrad]", "orientation_rms_mrad", "not given", ".3f"),
+    ("orientation error, max [mrad]", "orientation_max_mrad", "not given", ".3f"),
+    ("tip speed asked for, rms [mm/s]", "tip_speed_rms_mm_s", "not given", ".1f"),
+    ("joint speed over its limit, max", "speed_ratio_max", "not given", ".2f"),
+    ("joint acceleration over its limit, max", "acceleration_ratio_max", "not given", ".2f"),
+    ("joint jerk over its limit, max", "jerk_ratio_max", "not given", ".2f"),
+    ("margin to joint limits, least [rad]", "limit_margin_min_rad", "not given", ".2f"),
+    ("singular value, least", "singular_value_min", "not given", ".3f"),
+)
+
+
+@dataclass(frozen=True)
+class ExperimentA:
+    """What reproduce_a() found, and the files it left.
+
+    Attributes:
+        runs: of the paper's law, one for each sampling period and arm.
+        metrics: of each of them.
+        table: Markdown, the paper's figures in the first column.
+        rivals: runs of BESIDE, one for each and each arm.
+        beside: rows of the law at the last of PERIODS and of the rivals.
+        files: all that were written.
+    """
+
+    runs: list[Run]
+    metrics: list[Metrics]
+    table: str
+    rivals: list[Run]
+    beside: list[tables.Row]
+    files: list[Path]
+
+
+def reproduce_a(
+    out: str | os.PathLike[str],
+    *,
+    arms: Sequence[str] = ARMS,
+    duration: float | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> ExperimentA:
+    """Run experiment A with the paper's controller and write runs, a table and a report.
+
+    The helix runs at T = 8 ms, the period that the paper's Table I implies, and at 1 ms, with
+    the paper's K = 60 1/s, K_c = 7 and c_d = 1, and no extension. It ends with the law beside
+    hierarchical_qp, with the same numbers, at 1 ms, see BESIDE: on the same helix, where
+    feed-forward decides, and on one that is too fast, where limits do. The report holds tables,
+    figures, viewers, and how to make it again.
+
+    Args:
+        out: folder, made if it is not there.
+        arms: names that load_arm() knows; the paper's two.
+        duration: how long to simulate [s]; the whole helix without it.
+        progress: called with the run's title, cycles done since the last call, cycles in all.
+
+    Raises:
+        RunFileError: the folder or a file in it cannot be written.
+    """
+    folder = make_folder(out)
+    law = [(HELIX, LAW, arm, period) for period in PERIODS for arm in arms]
+    rival = [(scenario, setting, arm, PERIODS[-1]) for scenario, setting in BESIDE for arm in arms]
+    files = [folder / _run_name(*case) for case in law + rival]
+    files += [folder / f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
+    files += [folder / f"{_shot_name(arm)}.png" for arm in arms]
+    files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, INDEX)]
+    for file in files:
+        check_writable(file)
+    found = []
+    for case, file in zip(law + rival, files, strict=False):
+        found.append(helix(*case, duration, progress))
+        found[-1].save(file)
+    runs, rivals = found[: len(law)], found[len(law) :]
+    metrics = [compute_metrics(run) for run in runs]
+    text = comparison_table(runs, metrics)
+    pairs = [*runs[-len(arms) :], *rivals]
+    beside = [tables.row_of(run) for run in pairs]
+    length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
+    (folder / "experiment_a.md").write_text(
+        f"# Experiment A\n\n{length}{text}\n## Beside {RIVAL}\n\n{tables.as_markdown(beside)}",
+        encoding="utf-8",
+    )
+    again = ["rcmqp", "reproduce", "--out", str(out)]
+    again += [] if duration is None else ["--duration", f"{duration:g}"]
+    names = [file.name for file in files[: len(found)]]
+    written = write_report(
+        found,
+        folder,
+        files=names,
+        title="Experiment A",
+        opening=_sections(length + text, runs[: len(arms)], beside, pairs),
+        command=shlex.join(again),
+    )
+    files = [folder / name for name in (*names, "experiment_a.md")] + written
+    return ExperimentA(runs, metrics, length + text, rivals, beside, files)
+
+
+def helix(
+    scenario: str,
+    setting: str,
+    arm: str,
+    period: float,
+    duration: float | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Run:
+    """A helix, or the first ``duration`` [s] of it, under a controller.
+
+    Args:
+        scenario: HELIX, experiment A's, or FAST.
+        setting: the controller, see controller_of().
+        arm: a name that load_arm() knows.
+        period: sampling period T [s].
+        duration: how long to simulate [s].
+        progress: see reproduce_a().
+    """
+    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
+    made = load_scenario(scenario, arm, period=period, **changes)
+    title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
+    name, options = controller_of(setting)
+
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(title, done, made.cycles)
+
+    return simulate(made, make_controller(name, made.insertion(), period, **options), report)
+
+
+def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
+    """Markdown table: what is given and measured, what the paper has, and each run."""
+    heads = [f"{arm_title(run.scenario.arm)}, {1e3 * run.period:g} ms" for run in runs]
+    given = [given_cells(run.head) for run in runs]
+    rows = [
+        [title, _PAPER_GIVEN.get(name, "not given"), *(cells[name] for cells in given)]
+        for name, title in GIVEN.items()
+    ]
+    ends = [until(found.errors_until_s, found.duration_s) for found in metrics]
+    rows.append(["rms until [s]", "not given", *ends])
+    for label, name, paper, style in _ROWS:
+        cells = [against_limit(getattr(found, name), style) for found in metrics]
+        rows.append([label, paper, *cells])
+        if name == "tip_max_mm":
+            lag = [
+                f"{found.tip_speed_rms_mm_s / run.options['gain']:.3f}"
+                for run, found in zip(runs, metrics, strict=True)
+            ]
+            rows.append(["speed / K, rms [mm]", "not given", *lag])
+    return table(["", "the paper", *heads], rows) + "\n"
+
+
+def _run_name(scenario: str, setting: str, arm: str, period: float) -> str:
+    before = "" if scenario == HELIX else f"{scenario}_"
+    suffix = "" if setting == LAW else "_" + re.sub(r"\W", "_", setting)
+    return f"{before}{arm}_{1e3 * period:g}ms{suffix}.h5"
+
+
+def _shot_name(arm: str) -> str:
+    return f"helix_{arm}"
+
+
+def _screenshots(runs: Sequence[Run]) -> tuple[list[Screenshot], str]:
+    """The scene at each run's end; none, and a sentence that says why, without Chromium."""
+    try:
+        chromium_path()
+    except ToolMissing as error:
+        return [], f"\nScreenshots of the arms are left out: {error}.\n"
+    return [
+        Screenshot(
+            _shot_name(run.scenario.arm),
+            f"{arm_title(run.scenario.arm)} at the end of the helix. The paper's Fig. 2, "
+            '"Simulations with a conical helix trajectory tracking", shows the tool tip\'s '
+            "trajectory of both robots",
+            run,
+        )
+        for run in runs
+    ], ""
+
+
+def _sections(
+    text: str, runs: Sequence[Run], beside: Sequence[tables.Row], pairs: Sequence[Run]
+) -> tuple[Section, Section]:
+    """What the report opens with: beside the paper, and beside hierarchical_qp."""
+    trajectories, errors, *figures = FIGURES
+    shots, missing = _screenshots(runs)
+    return (
+        Section(
+            "Beside the paper",
+            text + missing,
+            pictures=(
+                *shots,
+                Picture(
+                    trajectories,
+                    "In numbers: the arm at the start, and the tip's path from the trocar",
+                    plots.trajectory_figure(runs),
+                ),
+                Picture(
+                    errors,
+                    "As the paper's Fig. 3: tip and RCM error over time",
+                    plots.error_figure(runs),
+                ),
+            ),
+        ),
+        Section(
+            f"Beside {RIVAL}",
+            tables.as_markdown(beside),
+            pictures=[
+                Picture(
+                    figure,
+                    f"Errors over time on a logarithmic scale, {scenario}",
+                    plots.error_figure(
+                        [run for run in pairs if run.scenario.name == scenario], logarithmic=True
+                    ),
+                )
+                for figure, scenario in zip(figures, (HELIX, FAST), strict=True)
+            ],
+        ),
+    )

@@ -1,0 +1,139 @@
+"""What period, feed-forward and limits do to the errors of experiment B, one at a time.
+
+The paper's law at 8 ms beside hierarchical_qp at 1 ms differs in four things at once. Here the
+same people use every combination: a full factorial design, so that no factor hides another.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rcmqp.experiments.study.comparisons import row
+from rcmqp.experiments.study.outcome import Outcome
+from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.study.statistics import summary
+
+PERIODS = (8e-3, 1e-3)
+
+Options = tuple[tuple[str, object], ...]
+
+SETTINGS: dict[str, dict[str, dict[str, Options]]] = {
+    "dual_quaternion": {
+        "feed_forward": {"off": (), "on": (("feed_forward", True),)},
+        "limits": {"off": (), "on": (("velocity_limit", "scale"),)},
+    },
+    "hierarchical_qp": {
+        "feed_forward": {"on": ()},
+        "limits": {"off": (("approach", 0.0), ("limits", ())), "on": ()},
+    },
+}
+"""Options of each law for each level of the two factors; what is missing cannot be had.
+
+hierarchical_qp always follows the reference's velocity. Without limits it has none at all: the
+obstacle's and the trocar's go with the joints', and no braking distance is counted.
+"""
+
+MEASURES = (
+    ("RCM rms [mm]", "rcm_rms_mm", "mean", ".2g"),
+    ("RCM max [mm]", "rcm_max_mm", "largest", ".2g"),
+    ("tip rms [mm]", "tip_rms_mm", "mean", ".2g"),
+    ("effector rms [mm]", "effector_rms_mm", "mean", ".2g"),
+    ("effector max [mm]", "effector_max_mm", "largest", ".3g"),
+    ("joint speed / limit, max", "speed_ratio_max", "largest", ".2f"),
+)
+"""Label, Outcome's field, which number of its Summary, and how that is written."""
+
+EFFECTS = ("rcm_rms_mm", "tip_rms_mm", "effector_rms_mm")
+"""What the effects of the factors are given for."""
+
+NOTES = """\
+The same people, with the same luck, in every row. A factor's effect is the ratio of a person's
+errors, at its second level over its first, everything else the same; the geometric mean over
+people and over the levels of the other factors, ± its Monte-Carlo error. 1 is no effect. Where
+factors depend on each other, the rows say how; the mean does not. Law is hierarchical_qp over
+dual_quaternion, at equal period, both with feed-forward.
+Limits "on" is not the same for both: velocity_limit=scale of the law counts speeds only,
+hierarchical_qp counts positions, accelerations and jerks too, and keeps off the obstacle.
+hierarchical_qp has no feed-forward "off".
+"""
+
+Levels = tuple[str, float, str, str]
+"""Name of the law, period [s], feed-forward, limits."""
+
+
+def factors() -> dict[Levels, Law]:
+    """Each combination of law, period, feed-forward and limits that can be had."""
+    found = {}
+    for name, settings in SETTINGS.items():
+        levels = itertools.product(
+            PERIODS, settings["feed_forward"].items(), settings["limits"].items()
+        )
+        for period, (ahead, following), (kept, limiting) in levels:
+            found[name, period, ahead, kept] = Law(name, period, (*following, *limiting))
+    return found
+
+
+def factor_table(outcomes: Sequence[Outcome]) -> str:
+    """Markdown: a row for each combination, and a table of the factors' effects.
+
+    Args:
+        outcomes: of a study whose laws are those of factors().
+    """
+    of = {
+        levels: {o.operator: o for o in outcomes if o.controller == str(law)}
+        for levels, law in factors().items()
+    }
+    heads = ["controller", "period", "feed-forward", "limits", *(m[0] for m in MEASURES)]
+    lines = [row(heads), row(["---"] * 4 + ["---:"] * len(MEASURES))]
+    for (name, period, ahead, kept), mine in of.items():
+        numbers = [
+            format(getattr(summary([getattr(o, field) for o in mine.values()]), kind), style)
+            for _, field, kind, style in MEASURES
+        ]
+        lines.append(row([name, f"{1e3 * period:g} ms", ahead, kept, *numbers]))
+    lines += ["", row(["factor", "with", *EFFECTS]), row(["---"] * 2 + ["---:"] * len(EFFECTS))]
+    for label, law, pairs in _contrasts(list(of)):
+        cells = [_ratio([(of[a], of[b]) for a, b in pairs], field) for field in EFFECTS]
+        lines.append(row([label, law, *cells]))
+    return "\n".join([*lines, "", NOTES])
+
+
+def _contrasts(all_levels: Sequence[Levels]) -> list[tuple[str, str, list[tuple[Levels, Levels]]]]:
+    """Label and law of each factor's effect, and the pairs of conditions that differ in it."""
+    found = []
+    labels = ("period, 8 to 1 ms", "feed-forward, off to on", "limits, off to on")
+    for law, (place, label) in itertools.product(SETTINGS, enumerate(labels, start=1)):
+        pairs = [p for p in _pairs(all_levels, place) if p[0][0] == law]
+        if pairs:
+            found.append((label, law, pairs))
+    for kept in ("off", "on"):
+        if pairs := [p for p in _pairs(all_levels, 0) if p[0][3] == kept]:
+            found.append((f"law, limits {kept}", "both", pairs))
+    return found
+
+
+def _pairs(all_levels: Sequence[Levels], place: int) -> list[tuple[Levels, Levels]]:
+    """Conditions that differ in the factor at ``place`` and in nothing else."""
+    return [
+        (a, b)
+        for a, b in itertools.combinations(all_levels, 2)
+        if [i for i in range(len(a)) if a[i] != b[i]] == [place]
+    ]
+
+
+def _ratio(pairs: Sequence[tuple[dict[int, Outcome], dict[int, Outcome]]], field: str) -> str:
+    """Geometric mean of the second over the first, person by person; ± the Monte-Carlo error."""
+    people = sorted(set.intersection(*(set(side) for pair in pairs for side in pair)))
+    logs = [
+        np.mean([math.log(getattr(b[i], field) / getattr(a[i], field)) for a, b in pairs])
+        for i in people
+    ]
+    found = summary(logs)
+    if found.count == 0:
+        return ""
+    mean = math.exp(found.mean)
+    return f"{mean:.3g}" if found.count < 2 else f"{mean:.3g} ± {mean * found.error:.2g}"

@@ -1,0 +1,299 @@
+"""The operator model's hands beside recorded ones: speed spectra and smoothness.
+
+All hands are treated alike: resampled at one rate, that of the slowest recording and at most
+RATE; low-passed at one frequency; cut into movements at one speed. What is compared is how a hand
+moves, not how long a task takes: the tasks of a recording and of the model differ as a rule.
+
+SPARC and LDLJ are those of rcmqp.runs.smoothness, of each movement, because both depend on how
+long a hand pauses. The 95 % frequency is after "Motion smoothness-based assessment of surgical
+expertise" (Sensors 2023, 23, 3146), who find that it and LDLJ tell skill levels apart.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rcmqp.errors import OptionError
+from rcmqp.experiments.study.comparisons import row
+from rcmqp.experiments.study.outcome import SLOW
+from rcmqp.experiments.study.record import write_whole
+from rcmqp.files import make_folder
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.operators import GROUPS, CameraTrial, Learning, operator_of_study
+from rcmqp.references.paths import HandTrace
+from rcmqp.references.view import view_pose
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
+from rcmqp.show.palette import colour
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RATE = 100.0
+"""Samples a second of the model's hands, and the most of a recording that count [Hz]."""
+
+CUTOFF = 20.0
+"""Of the low-pass [Hz]: above tremor, below the noise of a tracker."""
+
+SHORTEST = 0.2
+"""A hand that is faster than SLOW for this long makes a movement [s]."""
+
+WINDOW = 4.0
+"""Of the spectrum, Welch's [s]."""
+
+TREMOR_BAND = (8.0, 12.0)
+"""[Hz]."""
+
+ROWS = (
+    ("movements a minute", "movements_per_min", ".0f"),
+    ("duration of a movement, median [s]", "movement_s", ".2f"),
+    ("share of time below 10 mm/s", "slow_share", ".2f"),
+    ("speed while moving, mean [mm/s]", "speed_mean_mm_s", ".1f"),
+    ("speed, peak [mm/s]", "speed_max_mm_s", ".0f"),
+    ("SPARC of a movement, median", "sparc", ".2f"),
+    ("LDLJ of a movement, median", "ldlj", ".2f"),
+    ("half of the speed's power is below [Hz]", "half_power_hz", ".2f"),
+    ("95 % of the speed's power is below [Hz]", "most_power_hz", ".2f"),
+    ("share of the speed's power at 8 to 12 Hz", "tremor_share", ".1e"),
+)
+"""Label, HandMeasures' field, and how it is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class HandMeasures:
+    """How a hand moves; NaN where it makes no movement.
+
+    Attributes:
+        label: whose hand.
+        movements_per_min: how often it moves, see SHORTEST.
+        movement_s: median duration of a movement.
+        slow_share: share of the time slower than SLOW.
+        speed_mean_mm_s: mean speed at the other times.
+        speed_max_mm_s: largest speed.
+        sparc, ldlj: medians of the movements' smoothness, see rcmqp.runs.smoothness.
+        half_power_hz, most_power_hz: frequencies below which 50 and 95 % of the power of the
+            speed about its mean lies.
+        tremor_share: share of that power in TREMOR_BAND.
+        spectrum: (2, m) frequency [Hz] and power density over its integral [1/Hz].
+    """
+
+    label: str
+    movements_per_min: float
+    movement_s: float
+    slow_share: float
+    speed_mean_mm_s: float
+    speed_max_mm_s: float
+    sparc: float
+    ldlj: float
+    half_power_hz: float
+    most_power_hz: float
+    tremor_share: float
+    spectrum: Array = dataclasses.field(repr=False)
+
+
+@dataclass(frozen=True)
+class HandComparison:
+    """Recorded hands beside the model's.
+
+    Attributes:
+        recorded: of each recording.
+        model: of each simulated operator, its group as the label.
+        table: Markdown.
+        figure: spectra, SPARC and LDLJ.
+        files: what was written.
+    """
+
+    recorded: list[HandMeasures]
+    model: list[HandMeasures]
+    table: str
+    figure: Figure
+    files: list[Path]
+
+
+def compare_hands(
+    recordings: Sequence[HandTrace | str | os.PathLike[str]],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    scale: float = 1.0,
+    operators: int = 20,
+    seed: int = 0,
+    learning: Learning | None = None,
+) -> HandComparison:
+    """Set recorded hands, or tools, beside those of simulated operators at the camera task.
+
+    Args:
+        recordings: traces, or CSV files for HandTrace.read_csv().
+        out: folder for hands.md, hands.png and hands.pdf; without it nothing is written.
+        scale: metres in the files' unit of length.
+        operators: how many people of the model; see Study.
+        seed: of everything random.
+        learning: of the novices.
+
+    Raises:
+        OptionError: no recording, or one that cannot be read or is too short.
+        RunFileError: a file cannot be written.
+    """
+    if not recordings:
+        raise OptionError("no recording to compare with; give one CSV file or more")
+    traces = [
+        each if isinstance(each, HandTrace) else HandTrace.read_csv(each, scale=scale)
+        for each in recordings
+    ]
+    labels = [
+        f"recording {i}" if isinstance(each, HandTrace) else Path(each).stem
+        for i, each in enumerate(recordings, start=1)
+    ]
+    rate = min(RATE, *(1.0 / float(np.median(np.diff(trace.times))) for trace in traces))
+    recorded = [measure_hand(t, rate, label) for t, label in zip(traces, labels, strict=True)]
+    people = [operator_of_study(i, seed) for i in range(operators)]
+    trials = [(CameraTrial(person, learning=learning), chance) for person, chance in people]
+    model = [
+        measure_hand(model_hand(trial, chance), rate, trial.operator.group)
+        for trial, chance in trials
+    ]
+    table, figure = hand_table(recorded, model, rate), hand_figure(recorded, model)
+    files = [] if out is None else _write(make_folder(out), table, figure)
+    return HandComparison(recorded, model, table, figure, files)
+
+
+def model_hand(trial: CameraTrial, seed: int, period: float = 1.0 / RATE) -> HandTrace:
+    """The way of a simulated operator's hand, whose arm is where it is asked to be at once."""
+    insertion = load_scenario("camera_task").insertion()
+    asking, x = trial.start(insertion, period, seed), insertion.x_rcm
+    times, positions = [], []
+    for k in range(round(trial.duration / period) + 1):
+        times.append(k * period)
+        positions.append(asking.hand)
+        view = asking.command(times[-1], x)
+        if view is None:
+            break
+        x = view_pose(insertion.x_rcm, view).x_d
+    return HandTrace(tuple(times), tuple(positions), mapping=trial.mapping)
+
+
+def measure_hand(trace: HandTrace, rate: float = RATE, label: str = "hand") -> HandMeasures:
+    """Spectrum and smoothness of one hand.
+
+    Args:
+        trace: what counts of it, see HandTrace.way.
+        rate: at which it is resampled [Hz].
+        label: whose hand.
+
+    Raises:
+        OptionError: it is shorter than a second.
+    """
+    from scipy import signal  # SciPy takes long to import
+
+    count = math.floor(trace.duration * rate + 1e-9) + 1
+    if trace.duration < 1.0 or count < 32:
+        raise OptionError(
+            f"{label} lasts {trace.duration:g} s and has {count} samples at {rate:g} Hz; a "
+            "spectrum needs a second or more, and 32 samples"
+        )
+    points = np.array([trace.way.position(k / rate) for k in range(count)])
+    low_pass = signal.butter(4, min(CUTOFF, 0.4 * rate), fs=rate, output="sos")
+    smooth = signal.sosfiltfilt(low_pass, points, axis=0)
+    speed = np.linalg.norm(np.gradient(smooth, 1.0 / rate, axis=0), axis=1)
+    parts = _movements(speed, rate)
+    moving = speed >= SLOW
+    window = min(count, round(WINDOW * rate))
+    frequency, power = signal.welch(speed, rate, nperseg=window, detrend="constant")
+    steps = 0.5 * (power[1:] + power[:-1]) * frequency[1]
+    total = float(steps.sum()) or 1.0  # a hand that never moves has no power
+    below = np.concatenate([[0.0], np.cumsum(steps)]) / total
+    low, high = np.interp(TREMOR_BAND, frequency, below)
+    return HandMeasures(
+        label,
+        movements_per_min=60.0 * len(parts) / trace.duration,
+        movement_s=_median([len(part) / rate for part in parts]),
+        slow_share=float(1.0 - moving.mean()),
+        speed_mean_mm_s=1e3 * float(speed[moving].mean()) if moving.any() else math.nan,
+        speed_max_mm_s=1e3 * float(speed.max()),
+        sparc=_median([sparc(part, 1.0 / rate) for part in parts]),
+        ldlj=_median([log_dimensionless_jerk(part, 1.0 / rate) for part in parts]),
+        half_power_hz=float(np.interp(0.5, below, frequency)),
+        most_power_hz=float(np.interp(0.95, below, frequency)),
+        tremor_share=float(high - low),
+        spectrum=np.array([frequency, power / total]),
+    )
+
+
+def hand_table(
+    recorded: Sequence[HandMeasures], model: Sequence[HandMeasures], rate: float
+) -> str:
+    """Markdown: a column for each recording and each group of the model."""
+    groups = {group: [m for m in model if m.label == group] for group in GROUPS}
+    heads = [m.label for m in recorded]
+    heads += [f"model, {len(of)} {group}" for group, of in groups.items() if of]
+    lines = [row(["", *heads]), row(["---", *["---:"] * len(heads)])]
+    for label, name, style in ROWS:
+        cells = [_cell([getattr(m, name)], style) for m in recorded]
+        cells += [_cell([getattr(m, name) for m in of], style) for of in groups.values() if of]
+        lines.append(row([label, *cells]))
+    note = (
+        f"All hands at {rate:.3g} Hz, low-passed at {min(CUTOFF, 0.4 * rate):.3g} Hz. A movement "
+        f"is {SHORTEST:g} s or more above {1e3 * SLOW:g} mm/s. Of the model: median, and [ ] the "
+        "least and the largest of its people. Nothing of the model was fitted to these numbers."
+    )
+    return "\n".join([*lines, "", note]) + "\n"
+
+
+def hand_figure(recorded: Sequence[HandMeasures], model: Sequence[HandMeasures]) -> Figure:
+    """Spectra of the speed, and SPARC over LDLJ: recordings in colour, the model in grey."""
+    from matplotlib.figure import Figure  # Matplotlib takes long to import
+
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    styles = dict(zip(GROUPS, (("0.45", "x"), ("0.75", "+")), strict=True))
+    labelled = set[str]()
+    for i, m in enumerate([*model, *recorded]):
+        drawn, marker = styles.get(m.label, (colour(i - len(model)), "o"))
+        name = m.label if m.label not in GROUPS else f"model, {m.label}"
+        label = None if name in labelled else name
+        labelled.add(name)
+        width = 0.7 if m.label in GROUPS else 1.8
+        left.loglog(*m.spectrum[:, 1:], color=drawn, linewidth=width, label=label)
+        right.plot([m.ldlj], [m.sparc], marker, color=drawn, label=label)
+    left.set(xlabel="frequency [Hz]", ylabel="power of the speed over all of it [1/Hz]")
+    left.axvspan(*TREMOR_BAND, color="0.93", zorder=0)
+    left.set_ylim(bottom=1e-7)
+    right.set(xlabel="LDLJ of a movement, median", ylabel="SPARC of a movement, median")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    left.legend(fontsize=8)
+    return figure
+
+
+def _movements(speed: Array, rate: float) -> list[Array]:
+    """The parts of a speed (n,) [m/s] that are movements."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], speed >= SLOW, [0]]).astype(int)))
+    spans = zip(edges[::2], edges[1::2], strict=True)
+    return [speed[a:b] for a, b in spans if b - a >= max(3.0, SHORTEST * rate)]
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values)) if values else math.nan
+
+
+def _cell(values: Sequence[float], style: str) -> str:
+    some = [value for value in values if not math.isnan(value)]
+    if not some:
+        return ""
+    middle = f"{np.median(some):{style}}"
+    return middle if len(values) == 1 else f"{middle} [{min(some):{style}}, {max(some):{style}}]"
+
+
+def _write(folder: Path, table: str, figure: Figure) -> list[Path]:
+    from rcmqp.show import plots  # Matplotlib takes long to import
+
+    file = folder / "hands.md"
+    write_whole(file, f"# Recorded hands beside the operator model's\n\n{table}".encode())
+    return [file, *plots.save_figure(figure, folder / "hands")]

@@ -1,0 +1,172 @@
+"""What came of a trial: the numbers of Table I and some more, and thinned-out traces."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rcmqp.experiments.study.plan import Trial
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.operators import CameraTrial, recognition_times
+from rcmqp.references.operators.camera_task import clearance, reached
+from rcmqp.runs.metrics import compute_metrics
+from rcmqp.runs.run import Run
+from rcmqp.runs.scenario import Scenario
+from rcmqp.show.labels import given_cells
+
+TRACE_TIME = 8e-3
+"""Least time between two samples of a trace [s]; the numbers of an Outcome use every cycle."""
+
+SLOW = 0.01
+"""Speed of the camera below which it counts as standing still [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The numbers of a trial; NaN in a trial that failed.
+
+    The tip carries the camera. The effector is the point of the shaft that lay on the trocar at
+    the start. Errors are distances from where they were asked to be at the same instant.
+
+    Attributes:
+        operator: number of the person.
+        group: novice or experienced.
+        arm, controller: names.
+        period: sampling period [s].
+        feed_forward, limits_enforced, gain, assumed: what the controller was given, as
+            given_cells() has it.
+        finished: whether every objective was reached.
+        completion_s: when the last one was; NaN if not all were.
+        reached_s: when each was.
+        looking_s: the time spent finding out where the objectives reached are: drawn, not moved.
+        obstacle_tip_mm: least distance of the camera, as a point, from the obstacle's surface.
+        obstacle_shaft_mm: least distance of the shaft's surface from it; negative inside.
+        collided: whether the shaft touched it.
+        tip_speed_rms_mm_s: of the tip asked for.
+        slow_share: part of the sampling instants to which the camera came slower than SLOW.
+        rcm_rms_moving_mm: RCM error at the others.
+        speed_ratio_max: largest joint speed over its limit.
+        limit_margin_min_rad: least distance of a joint from a position limit.
+        digest: of the whole run.
+        failure: why there is no run; empty where there is one.
+    """
+
+    operator: int
+    group: str
+    arm: str
+    controller: str
+    period: float
+    feed_forward: str = ""
+    limits_enforced: str = ""
+    gain: str = ""
+    assumed: str = ""
+    finished: bool = False
+    completion_s: float = np.nan
+    reached_s: tuple[float, ...] = ()
+    looking_s: float = np.nan
+    tip_rms_mm: float = np.nan
+    tip_max_mm: float = np.nan
+    effector_rms_mm: float = np.nan
+    effector_max_mm: float = np.nan
+    rcm_rms_mm: float = np.nan
+    rcm_max_mm: float = np.nan
+    obstacle_tip_mm: float = np.nan
+    obstacle_shaft_mm: float = np.nan
+    collided: bool = False
+    tip_speed_rms_mm_s: float = np.nan
+    slow_share: float = np.nan
+    rcm_rms_moving_mm: float = np.nan
+    speed_ratio_max: float = np.nan
+    limit_margin_min_rad: float = np.nan
+    digest: str = ""
+    failure: str = ""
+
+
+def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
+    """Sum up a trial's run.
+
+    Returns:
+        The numbers; and the traces by name, see TRACES.
+    """
+    scenario = run.scenario
+    path = scenario.path
+    assert isinstance(path, CameraTrial)
+    insertion, task = scenario.insertion(), path.task
+    back = dq.quaternion_conj(dq.P(insertion.x_rcm))
+    pivot = np.array(scenario.trocar.pivot)
+    tip, tip_d = (dq.rotate(back, points - pivot) for points in (run.tip, run.tip_d))
+    shaft = insertion.instrument.length * dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
+    mount = dq.rotate(back, run.tip - shaft - pivot)
+    axis = clearance(tip, mount, task.obstacle)
+    camera = np.linalg.norm(tip - np.array(task.obstacle.centre), axis=-1) - task.obstacle.radius
+    times = reached(run.time, tip, np.array(task.targets), task.tolerance)
+    found = compute_metrics(run)
+    surface = axis - insertion.instrument.radius
+    slow = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=-1) < SLOW * run.period
+    moving = float(np.sqrt(np.mean(run.rcm_error[~slow] ** 2))) if not slow.all() else np.nan
+    done = times[~np.isnan(times)]
+    starts = (0.0, *done[:-1].tolist())
+    looking = recognition_times(path.operator, len(done), scenario.seed, path.learning, starts)
+    values: dict[str, Any] = {name: getattr(found, name) for name in _FROM_METRICS}
+    values |= given_cells(run.head)
+    del values["period_ms"]  # the outcome has the period in seconds
+    outcome = Outcome(
+        trial.operator,
+        path.operator.group,
+        scenario.arm,
+        str(trial.law),
+        scenario.period,
+        finished=not np.isnan(times[-1]),
+        completion_s=float(times[-1]),
+        reached_s=tuple(map(float, times)),
+        looking_s=float(sum(looking)),
+        obstacle_tip_mm=1e3 * float(camera.min()),
+        obstacle_shaft_mm=1e3 * float(surface.min()),
+        collided=bool(surface.min() < 0.0),
+        slow_share=float(np.mean(slow)),
+        rcm_rms_moving_mm=1e3 * moving,
+        digest=run.digest,
+        **values,
+    )
+    thin = slice(None, None, max(1, round(TRACE_TIME / run.period)))
+    traces = {
+        "time": run.time,
+        "tip": tip,
+        "tip_d": tip_d,
+        "tip_error": run.tip_error,
+        "effector_error": run.effector_error,
+        "rcm_error": run.rcm_error,
+        "obstacle": surface,
+    }
+    return outcome, {name: values[thin].astype(np.float32) for name, values in traces.items()}
+
+
+def failed_outcome(trial: Trial, scenario: Scenario, reason: str) -> Outcome:
+    """Of a trial that came to no end."""
+    path = scenario.path
+    assert isinstance(path, CameraTrial)
+    group, law = path.operator.group, str(trial.law)
+    return Outcome(trial.operator, group, scenario.arm, law, scenario.period, failure=reason)
+
+
+TRACES: Mapping[str, tuple[str, str]] = {
+    "time": ("s", "(n,) sampling instants kept"),
+    "tip": ("m", "(n, 3) tip, from the trocar in the axes of x_d(0)"),
+    "tip_d": ("m", "(n, 3) desired tip, likewise"),
+    "tip_error": ("m", "(n,) distance of the tip from the desired one"),
+    "effector_error": ("m", "(n,) distance of the effector from the desired one"),
+    "rcm_error": ("m", "(n,) distance of the trocar from the shaft's axis"),
+    "obstacle": ("m", "(n,) distance of the shaft's surface from the obstacle's"),
+}
+"""Unit and meaning of each trace; float32, every 8 ms."""
+
+_FROM_METRICS = tuple(
+    item.name
+    for item in dataclasses.fields(Outcome)
+    if item.name.endswith(("_rms_mm", "_max_mm", "rms_mm_s", "ratio_max", "min_rad"))
+)

@@ -1,0 +1,227 @@
+"""What a study consists of: operators x arms x controllers, each a trial of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import itertools
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcmqp.controllers import CONTROLLERS, Controller, make_controller
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.references.operators import CameraTrial, Learning, Operator, operator_of_study
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.scenario import Scenario
+from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.loading import arm_names
+
+PAPERS_PERIOD = 8e-3
+"""Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
+
+PERIOD = 1e-3
+"""Sampling period of every other controller [s]."""
+
+Stamp = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """A controller, its period and its options.
+
+    Attributes:
+        name: a key of CONTROLLERS, hyphens as good as underscores.
+        period: sampling period [s]; without it PAPERS_PERIOD for the paper's law, else PERIOD.
+        options: of the controller, by name.
+    """
+
+    name: str = "dual_quaternion"
+    period: float = None  # type: ignore[assignment]  # filled in
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the name and fill in the period."""
+        object.__setattr__(self, "name", self.name.replace("-", "_"))
+        if self.name not in CONTROLLERS:
+            raise UnknownName("controller", self.name, CONTROLLERS)
+        if self.period is None:
+            period = PAPERS_PERIOD if self.name == "dual_quaternion" else PERIOD
+            object.__setattr__(self, "period", period)
+        if not 0.0 < self.period < 0.04:
+            raise OptionError(
+                f"period = {self.period} s, it must be positive and below 0.04 s, or an "
+                "operator's tremor cannot be shown"
+            )
+
+    def __str__(self) -> str:
+        """Name, period and options."""
+        options = "".join(f", {name} = {value}" for name, value in self.options)
+        return f"{self.name}, {1e3 * self.period:g} ms{options}"
+
+    def controller(self, scenario: Scenario) -> Controller:
+        """The controller for a scenario with this period.
+
+        Raises:
+            UnknownName: there is no such controller or option.
+            OptionError: an option's value is not allowed.
+        """
+        options = dict(self.options)
+        return make_controller(self.name, scenario.insertion(), scenario.period, **options)
+
+    def to_json(self) -> str:
+        """Name, period and options; what JSON does not know, as text."""
+        return json.dumps([self.name, self.period, list(self.options)], default=str)
+
+    @classmethod
+    def from_json(cls, text: str) -> Law:
+        """The inverse of to_json()."""
+        name, period, options = json.loads(text)
+        return cls(name, period, tuple((option, value) for option, value in options))
+
+    @property
+    def stem(self) -> str:
+        """As part of a file's name."""
+        options = "".join(f"_{name}_{value}" for name, value in self.options)
+        return _plain(f"{self.name}_{1e3 * self.period:g}ms{options}")
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One operator, one arm, one controller.
+
+    Attributes:
+        scenario: name or file of a scenario whose path is a CameraTrial.
+        operator: number of the person in the study.
+        seed: of the study.
+        arm: name or path of a URDF; empty for the scenario's own.
+        law: the controller.
+        flange: with a URDF, the frame that carries the instrument.
+        limits: of the joints, in place of the arm's own; None for those.
+        learning: of the novices; None for the scenario's, as a rule none.
+    """
+
+    scenario: str
+    operator: int
+    seed: int
+    arm: str
+    law: Law
+    flange: str | None = None
+    limits: ArmLimits | None = None
+    learning: Learning | None = None
+
+    @property
+    def stem(self) -> str:
+        """Its file's name, without what kind of file it is."""
+        arm = f"{_plain(self.arm)}_" if self.arm else ""
+        return f"{arm}{self.law.stem}_operator{self.operator:04d}"
+
+    def made(self) -> Scenario:
+        """The scenario with this operator.
+
+        Raises:
+            OptionError: nobody steers in this scenario, or somebody of its own.
+        """
+        flange = None if self.arm in ("", *arm_names()) else self.flange
+        files = tuple(_stamp(name) for name in (self.scenario, self.arm))
+        base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
+        if not isinstance(base.path, CameraTrial):
+            raise OptionError(
+                f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
+                "study needs a CameraTrial, as camera_task has"
+            )
+        if base.path.operator != Operator():
+            raise OptionError(
+                f"{self.scenario} has an operator of its own, and a study draws its people; leave "
+                "the operator out, or run the scenario by itself with rcmqp run"
+            )
+        person, seed = operator_of_study(self.operator, self.seed)
+        path = dataclasses.replace(
+            base.path, operator=person, learning=self.learning or base.path.learning
+        )
+        return dataclasses.replace(base, path=path, seed=seed)
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Every operator with every arm and controller.
+
+    The same people, with the same luck, use every arm and controller: that is what makes
+    comparisons between those paired.
+
+    Attributes:
+        scenario: name or file.
+        operators: how many people; each second one is a novice, the first is.
+        seed: of everything random. A person depends on it and the own number alone.
+        arms: names, or paths of URDFs; an empty one is the scenario's own.
+        laws: controllers.
+        flange: for the arms that are URDFs.
+        limits: of the joints, in place of every arm's own; None for those.
+        learning: of the novices, practice before the trial and learning in it; None for people
+            who do not learn.
+    """
+
+    scenario: str = "camera_task"
+    operators: int = 20
+    seed: int = 0
+    arms: tuple[str, ...] = ("",)
+    laws: tuple[Law, ...] = (Law(),)
+    flange: str | None = None
+    limits: ArmLimits | None = None
+    learning: Learning | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (isinstance(self.operators, int) and self.operators > 0):
+            raise OptionError(f"operators = {self.operators!r}, it must be a whole number above 0")
+        for name in ("arms", "laws"):
+            values = getattr(self, name)
+            if not values or len(set(values)) < len(values):
+                raise OptionError(f"{name} = {values}: at least one, and none twice")
+        if self.flange is not None and not set(self.arms).difference(("", *arm_names())):
+            raise OptionError(f"flange = {self.flange} is for a URDF, and none of the arms is one")
+        operator_of_study(0, self.seed)
+
+    def trials(self) -> list[Trial]:
+        """Every trial; all of a person's one after the other."""
+        return [
+            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits, self.learning)
+            for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
+        ]
+
+
+@functools.cache
+def _base(
+    scenario: str,
+    arm: str,
+    flange: str | None,
+    period: float,
+    limits: ArmLimits | None,
+    files: tuple[Stamp, ...],
+) -> Scenario:
+    """The scenario without anybody in it; ``files`` is for the cache alone."""
+    base = load_scenario(scenario, arm or None, flange=flange, period=period)
+    if limits is None:
+        return base
+    given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
+    return dataclasses.replace(base, limits=given)
+
+
+def _stamp(name: str) -> Stamp:
+    """When a file was last changed [ns], and its size; (0, 0) of what is no file."""
+    try:
+        found = Path(name).stat()
+    except OSError:
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
+
+
+def _plain(text: str) -> str:
+    """A text as part of a file's name; where it is none, some of it and a hash of it."""
+    if re.fullmatch(r"[\w.+-]{1,80}", text):
+        return text
+    some = re.sub(r"[^\w.+-]", "", Path(text).stem)[:40]
+    return f"{some}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"

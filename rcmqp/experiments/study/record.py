@@ -1,0 +1,181 @@
+"""One trial's file: whole or not there, and known for whose it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rcmqp.errors import RunFileError
+from rcmqp.experiments.study.outcome import TRACES, Outcome
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.simulate import versions
+
+FORMAT = "rcmqp trial"
+FORMAT_VERSION = 4
+SUFFIX = ".h5"
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What is kept of a trial.
+
+    Attributes:
+        outcome: its numbers.
+        scenario: the scenario as JSON, operator and seed in it.
+        law: the controller as JSON, see Law.
+        made_of: what else the trial depends on, see fingerprint().
+        traces: see TRACES; none of a trial that failed.
+        versions: of what ran it, see simulate.versions(); not part of the digest.
+    """
+
+    outcome: Outcome
+    scenario: str
+    law: str
+    made_of: str
+    traces: Mapping[str, Array]
+    versions: Mapping[str, str] = field(default_factory=versions)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all of it."""
+        sha = hashlib.sha256(f"{self.scenario}{self.law}{self.made_of}".encode())
+        sha.update(_json(self.outcome).encode())
+        for name in sorted(self.traces):
+            values = np.ascontiguousarray(self.traces[name])
+            sha.update(f"{name} {values.shape} {values.dtype}".encode())
+            sha.update(values.tobytes())
+        return sha.hexdigest()
+
+    def save(self, path: Path) -> None:
+        """Write one HDF5 file; there is a whole file afterwards or none.
+
+        Raises:
+            RunFileError: it cannot be written.
+        """
+        write_whole(path, self._image())
+
+    def _image(self) -> bytes:
+        """The file's bytes."""
+        image = io.BytesIO()
+        with h5py.File(image, "w") as file:
+            file.attrs["format"] = FORMAT
+            file.attrs["format_version"] = FORMAT_VERSION
+            file.attrs["scenario"] = self.scenario
+            file.attrs["law"] = self.law
+            file.attrs["made_of"] = self.made_of
+            file.attrs["outcome"] = _json(self.outcome)
+            file.attrs["versions"] = json.dumps(self.versions)
+            file.attrs["digest"] = self.digest
+            for name, values in self.traces.items():
+                dataset = file.create_dataset(name, data=values, compression="gzip")
+                dataset.attrs.update(unit=TRACES[name][0], meaning=TRACES[name][1])
+        return image.getvalue()
+
+    @classmethod
+    def load(cls, path: Path) -> Record:
+        """Read what save() wrote.
+
+        Raises:
+            RunFileError: the file is missing, damaged or no trial's.
+        """
+        if not path.is_file():
+            raise RunFileError(path, "is a folder" if path.is_dir() else "no such file")
+        try:
+            with h5py.File(path, "r") as file:
+                if file.attrs.get("format") != FORMAT:
+                    raise RunFileError(path, "is no trial of a study; move it elsewhere")
+                version = int(file.attrs["format_version"])
+                if version != FORMAT_VERSION:
+                    raise RunFileError(
+                        path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
+                    )
+                outcome = json.loads(file.attrs["outcome"])
+                outcome["reached_s"] = tuple(map(_number, outcome["reached_s"]))
+                kinds = {item.name: item.type for item in dataclasses.fields(Outcome)}
+                numbers: dict[str, Any] = {
+                    name: _number(value) if kinds[name] == "float" else value
+                    for name, value in outcome.items()
+                }
+                record = cls(
+                    Outcome(**numbers),
+                    file.attrs["scenario"],
+                    file.attrs["law"],
+                    file.attrs["made_of"],
+                    {name: data[()] for name, data in file.items()},
+                    json.loads(file.attrs["versions"]),
+                )
+                digest = file.attrs["digest"]
+        except (OSError, AttributeError, KeyError, ValueError, TypeError, RuntimeError) as error:
+            raise RunFileError(path, f"is damaged: {error}") from error
+        if record.digest != digest:
+            raise RunFileError(path, "is damaged: its numbers do not fit its digest")
+        return record
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file under another name, see that it is on the disk, and only then name it.
+
+    Raises:
+        RunFileError: it cannot be written; nothing of it is left.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        try:
+            with part.open("wb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFileError(path, f"could not be written: {error}") from error
+
+
+def sweep(folder: Path) -> int:
+    """Remove what processes left behind that were killed while they wrote; how many files."""
+    found = ((file, re.search(r"\.(\d+)\.part$", file.name)) for file in folder.glob(".*"))
+    left = [file for file, number in found if number and not _alive(int(number[1]))]
+    for file in left:
+        file.unlink(missing_ok=True)
+    return len(left)
+
+
+def _alive(process: int) -> bool:
+    """Whether a process with this number runs here."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _json(outcome: Outcome) -> str:
+    return json.dumps(plain(outcome), sort_keys=True, allow_nan=False)
+
+
+def plain(outcome: Outcome) -> dict[str, Any]:
+    """An outcome's numbers by name, NaN as None."""
+    data = dataclasses.asdict(outcome)
+    data["reached_s"] = [None if np.isnan(t) else t for t in outcome.reached_s]
+    return {
+        name: None if isinstance(value, float) and np.isnan(value) else value
+        for name, value in data.items()
+    }
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)

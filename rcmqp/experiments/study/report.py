@@ -1,0 +1,69 @@
+"""What a study leaves in its folder beside the trials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rcmqp.experiments.study.perform import Performed
+from rcmqp.experiments.study.record import write_whole
+from rcmqp.experiments.study.tables import operators_csv, outcomes_csv, table
+from rcmqp.runs.metrics import Metrics
+
+FIGURES = ("fig4_views", "fig6_errors", "fig7_trajectory", "groups")
+
+
+def write_tables(performed: Performed, jump: Metrics | None = None) -> tuple[str, list[Path]]:
+    """table.md, trials.csv and operators.csv; the table's text and the files.
+
+    Args:
+        performed: the study.
+        jump: see tables.table().
+
+    Raises:
+        RunFileError: a file cannot be written.
+    """
+    study, text = performed.study, table(performed, jump)
+    head = (
+        f"# Study: {study.scenario}, {study.operators} simulated operators, seed {study.seed}\n\n"
+    )
+    files = {
+        "table.md": head + text,
+        "trials.csv": outcomes_csv(performed.outcomes),
+        "operators.csv": operators_csv(study),
+    }
+    for name, content in files.items():
+        write_whole(performed.folder / name, content.encode())
+    return text, [performed.folder / name for name in files]
+
+
+def write_figures(performed: Performed) -> list[Path]:
+    """Figs. 4, 6 and 7 and the groups, of the first arm and controller.
+
+    The errors and the trajectory are those of the trial whose completion time is the median.
+
+    Raises:
+        RunFileError: a file cannot be written.
+    """
+    from rcmqp.experiments.study import figures
+    from rcmqp.show import plots  # matplotlib takes long to import
+
+    outcomes, trials = performed.outcomes, performed.study.trials()
+    first = outcomes[0].arm, outcomes[0].controller
+    mine = [i for i, o in enumerate(outcomes) if (o.arm, o.controller) == first and not o.failure]
+    if not mine:
+        return []
+    mine.sort(key=lambda i: (not outcomes[i].finished, outcomes[i].completion_s))
+    finished = [i for i in mine if outcomes[i].finished] or mine
+    middle = finished[(len(finished) - 1) // 2]
+    scenario, record = trials[middle].made(), performed.record(middle)
+    drawn = (
+        figures.views_figure(scenario),
+        figures.trial_figure(record),
+        figures.trajectory_figure(scenario, record),
+        figures.groups_figure([outcomes[i] for i in sorted(mine)]),
+    )
+    return [
+        path
+        for name, figure in zip(FIGURES, drawn, strict=True)
+        for path in plots.save_figure(figure, performed.folder / name)
+    ]

@@ -1,0 +1,174 @@
+"""What a real-time loop is given, looked at before an arm moves by it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rcmqp.controllers.braking import Brake
+from rcmqp.errors import InvalidCommand, RcmqpError
+from rcmqp.limits.joints import braking_speed
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.view import Stamped
+from rcmqp.world.arm import Arm
+
+SLACK = 1e-3
+"""Share of a limit that a command may be above it: a solver's tolerance, and cut off."""
+
+FAST = "take hierarchical_qp, or velocity_limit=scale where the controller has that option"
+"""What to do about a command that is too fast."""
+
+ABRUPT = "take hierarchical_qp, which keeps the joints' limits, or give a smoother reference"
+"""What to do about a command that changes too much."""
+
+
+class LoopFault(RcmqpError):
+    """A reference is too old, or a command too late, too fast or too abrupt, to be followed."""
+
+
+def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
+    """Configuration (nq,) and joint velocity (nv,) [rad/s] that read() answered.
+
+    Raises:
+        InvalidCommand: they are not, or not finite.
+    """
+    sizes = {"configuration q": arm.nq, "joint velocity v": arm.nv}
+    try:
+        q, v = (np.array(values, dtype=float) for values in answer)  # type: ignore[attr-defined]
+    except (TypeError, ValueError) as error:
+        raise InvalidCommand(
+            f"read() answered {answer!r}; it must be a pair of arrays, configuration q "
+            f"({arm.nq},) and joint velocity v ({arm.nv},), as measured now"
+        ) from error
+    for (name, size), values in zip(sizes.items(), (q, v), strict=True):
+        if values.shape != (size,):
+            raise InvalidCommand(
+                f"read() answered a {name} of shape {values.shape}, it must be ({size},)"
+            )
+        if not np.isfinite(values).all():
+            raise InvalidCommand(f"{name} is not finite, as it was read: {values}")
+    return q, v
+
+
+def check_stamp(newest: object, now: float, oldest: float, ahead: float) -> Stamped:
+    """The newest reference, if it is of ``now`` [s].
+
+    Args:
+        newest: what references(now) answered.
+        now: from the start of the loop [s].
+        oldest: how old it may be [s].
+        ahead: how far in the future it may be stamped [s].
+
+    Raises:
+        InvalidCommand: it is no Stamped.
+        LoopFault: it is older, or stamped further ahead.
+    """
+    if not isinstance(newest, Stamped):
+        raise InvalidCommand(
+            f"references({now:.4g}) answered a {type(newest).__name__}; it must be "
+            "Stamped(reference, at)"
+        )
+    if not now - newest.at <= oldest:
+        raise LoopFault(
+            f"the newest reference is {now - newest.at:.4g} s old, allowed {oldest:.4g} s"
+        )
+    if newest.at - now > ahead:
+        raise LoopFault(
+            f"the newest reference is stamped {newest.at - now:.4g} s in the future; stamp "
+            "references with the time that the loop asks with, counted from its start"
+        )
+    return newest
+
+
+class CommandCheck:
+    """Looks at each command before it is sent: can the joints do it, and everything after it?
+
+    A command may be what lies in the hard box of Brake at the last reading, from the last command
+    and its last change: the joint's limits of speed, acceleration and jerk, and a stop that ends
+    before its position limit. What is outside by less than SLACK of the change that a cycle
+    allows is cut off.
+
+    Attributes:
+        arm: whose limits.
+        controller: its name, for messages.
+    """
+
+    def __init__(self, brake: Brake, controller: str) -> None:
+        self.arm, self.controller, self._brake = brake.insertion.arm, controller, brake
+
+    def passed(self, v: ArrayLike, angles: Array, before: Array, a: Array) -> Array:
+        """The command (nv,) [rad/s], read-only.
+
+        Args:
+            v: what the controller answered.
+            angles: (nv,) as read [rad].
+            before: (nv,) the last command [rad/s].
+            a: (nv,) its last change, over the period [rad/s^2].
+
+        Raises:
+            InvalidCommand: it has another size, or is not finite.
+            LoopFault: a joint cannot do that, or not stop in time any more.
+        """
+        arm, T = self.arm, self._brake.period
+        command = np.array(v, dtype=float)
+        if command.shape != (arm.nv,) or not np.isfinite(command).all():
+            raise InvalidCommand(
+                f"{self.controller} answered {command}, not {arm.nv} finite numbers"
+            )
+        lower, upper = self._brake.box(angles, before, a)
+        if np.any((command < lower) | (command > upper)):
+            check_speed(command, arm, f"was to move by {self.controller}'s command", FAST)
+            most = np.minimum(np.minimum(arm.acceleration, T * arm.jerk) * T, arm.velocity)
+            inside = np.clip(command, -arm.velocity, arm.velocity)
+            excess = np.maximum(inside - upper, lower - inside) - SLACK * most
+            if np.any(excess > 0.0):
+                k = int(np.argmax(excess / most))
+                raise LoopFault(self._words(k, inside[k], angles[k], before[k], a[k]))
+            command = np.clip(command, lower, upper)
+        command.setflags(write=False)
+        return command
+
+    def _words(self, k: int, v: float, angle: float, before: float, a: float) -> str:
+        """What joint k cannot do."""
+        arm, T = self.arm, self._brake.period
+        change, room = (v - before) / T, arm.velocity[k] - abs(before)
+        jerk, who = (change - a) / T, f"{arm.joints[k]} was to"
+        by = f"by {self.controller}'s command"
+        if abs(change) > (1.0 + SLACK) * arm.acceleration[k]:
+            what, given, allowed = "accelerate", f"{change:.4g} rad/s^2", arm.acceleration[k]
+            return f"{who} {what} {by} at {given}, allowed {allowed:.4g} rad/s^2; {ABRUPT}"
+        if abs(jerk) > (1.0 + SLACK) * arm.jerk[k]:
+            given, allowed = f"{jerk:.4g} rad/s^3", arm.jerk[k]
+            return (
+                f"{who} move {by} with a jerk of {given}, allowed {allowed:.4g} rad/s^3; {ABRUPT}"
+            )
+        if abs(change) > float(braking_speed(room, arm.jerk[k], T)) and change * v > 0.0:
+            return (
+                f"{who} accelerate {by} at {change:.4g} rad/s^2 and {v:.4g} rad/s, too much to "
+                f"stay below {arm.velocity[k]:.4g} rad/s; {ABRUPT}"
+            )
+        side, limit = ("upper", arm.upper[k]) if v > 0.0 else ("lower", arm.lower[k])
+        return (
+            f"{who} move {by} at {v:.4g} rad/s, at {angle:.4g} rad, from where it cannot stop "
+            f"before its {side} position limit, {limit:.4g} rad; {ABRUPT}"
+        )
+
+
+def check_speed(v: Array, arm: Arm, what: str, remedy: str) -> None:
+    """Look for a joint above its speed limit.
+
+    Args:
+        v: (nv,) joint velocity [rad/s].
+        arm: whose limits.
+        what: the joint did, in words.
+        remedy: what to do.
+
+    Raises:
+        LoopFault: there is one; the farthest above its limit is named.
+    """
+    if np.any(np.abs(v) > (1.0 + SLACK) * arm.velocity):
+        k = int(np.argmax(np.abs(v) - arm.velocity))
+        raise LoopFault(
+            f"{arm.joints[k]} {what} at {v[k]:.4g} rad/s, allowed {arm.velocity[k]:.4g} rad/s; "
+            f"{remedy}"
+        )

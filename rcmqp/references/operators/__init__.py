@@ -1,0 +1,72 @@
+"""Models of people at the haptic device, and what they are asked to do.
+
+A steered path is a frozen dataclass of plain numbers like any path, but it answers what the
+camera shows: its start() gives what lives for one run. A new one is such a pair, added to
+STEERED.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.operators.learning import Learning
+from rcmqp.references.operators.omega7 import Encoder, Omega7
+from rcmqp.references.operators.operator import GROUPS, Operator
+from rcmqp.references.operators.population import (
+    PARAMETERS,
+    Parameter,
+    Spread,
+    draw_operator,
+    operator_of_study,
+)
+from rcmqp.references.operators.steering import Steering, recognition_times
+from rcmqp.references.operators.trial import CameraTrial
+from rcmqp.references.view import ViewCommand
+from rcmqp.world.insertion import Insertion
+
+
+class Asking(Protocol):
+    """What asks for views during one run."""
+
+    def command(self, t: float, x: Array) -> ViewCommand | None:
+        """The view asked for at ``t`` [s]; None ends the run.
+
+        Args:
+            t: one period after the last call; 0 at the first.
+            x: (8,) effector pose that was measured last, which the camera shows.
+        """
+
+
+@runtime_checkable
+class Steered(Protocol):
+    """Views that depend on what the camera shows."""
+
+    @property
+    def duration(self) -> float:
+        """How long it takes at the most [s]."""
+
+    def start(self, insertion: Insertion, period: float, seed: int) -> Asking:
+        """What asks during one run; equal arguments ask for the same to the bit."""
+
+
+STEERED: dict[str, type[Steered]] = {"camera_trial": CameraTrial}
+
+__all__ = [
+    "GROUPS",
+    "PARAMETERS",
+    "STEERED",
+    "Asking",
+    "CameraTrial",
+    "Encoder",
+    "Learning",
+    "Omega7",
+    "Operator",
+    "Parameter",
+    "Spread",
+    "Steered",
+    "Steering",
+    "draw_operator",
+    "operator_of_study",
+    "recognition_times",
+]

@@ -1,0 +1,113 @@
+"""The task of experiment B: four views to be found with the camera, past an obstacle."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmqp.errors import OptionError
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
+
+CORNERS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+"""Of the square, in the order of the objectives: left or right, above or below in the image."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTask:
+    """Coloured spheres, the camera positions that show them as asked for, and an obstacle.
+
+    Everything is seen from the trocar in the axes of x_d(0), x to the right and y down in the
+    first image, z into the patient. The views have no roll, so where the camera is decides what
+    it shows. The paper gives the square's side, the tolerance, that the spheres are of one
+    radius and the obstacle is big and between objectives 2 and 3; the rest is chosen here.
+
+    Attributes:
+        side: of the square of spheres [m]; the paper's 5 cm.
+        target_depth: distance of the objectives' plane from the trocar [m]: as deep as the helix
+            of experiment A goes, where the corners need a tilt of 14.2 deg.
+        standoff: from that plane to the spheres' [m]: a close-up in which the sphere fills a
+            sixth of the image's width and the others are out of sight, so that each view is a
+            view of one sphere.
+        sphere_radius: [m]; seen from the start it is as wide as a fingertip at arm's length.
+        obstacle_radius: of the big sphere, mid-way between objectives 2 and 3 [m]: twice that of
+            the others. Its surface is 17 mm from the camera at either, and that is the most that
+            the least distance of a trial can be; the paper's was 12.52 mm with a deviation of 5.
+        tolerance: distance from an objective at which it counts as reached [m]; the paper's 1 mm.
+    """
+
+    side: float = 0.05
+    target_depth: float = 0.14
+    standoff: float = 0.035
+    sphere_radius: float = 0.004
+    obstacle_radius: float = 0.008
+    tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check the sizes."""
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise OptionError(f"{name} = {value} m, it must be positive and finite")
+        if not self.obstacle_radius < self.side / 2.0 - self.tolerance:
+            raise OptionError(
+                f"obstacle_radius = {self.obstacle_radius} m reaches the objectives beside it, "
+                f"{self.side / 2.0} m from its centre; make it smaller"
+            )
+
+    @property
+    def targets(self) -> tuple[Vector3, ...]:
+        """Where the camera is to be, (4, 3) [m], in the order asked for."""
+        half = self.side / 2.0
+        return tuple((x * half, y * half, self.target_depth) for x, y in CORNERS)
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The coloured spheres, each straight beyond its target."""
+        depth = self.target_depth + self.standoff
+        return tuple(Sphere((x, y, depth), self.sphere_radius) for x, y, _ in self.targets)
+
+    @property
+    def obstacle(self) -> Sphere:
+        """The big sphere between the second and the third objective."""
+        (_, second, third, _) = self.targets
+        x, y, z = ((a + b) / 2.0 for a, b in zip(second, third, strict=True))
+        return Sphere((x, y, z), self.obstacle_radius)
+
+
+def reached(times: Array, tip: Array, targets: Array, tolerance: float) -> Array:
+    """When each target was reached, in their order, (m,) [s]; NaN for those that were not.
+
+    One sampling instant counts for one target at the most.
+
+    Args:
+        times: (n,) [s].
+        tip: (n, 3) [m].
+        targets: (m, 3), in the same axes [m].
+        tolerance: [m].
+    """
+    found, start = np.full(len(targets), np.nan), 0
+    for i, target in enumerate(targets):
+        near = np.linalg.norm(tip[start:] - target, axis=-1) <= tolerance
+        if not near.any():
+            break
+        start += int(np.argmax(near)) + 1
+        found[i] = times[start - 1]
+    return found
+
+
+def clearance(tip: Array, mount: Array, sphere: Sphere) -> Array:
+    """Distance (n,) [m] of a sphere's surface from the axis of the shaft, from tip to mount.
+
+    Args:
+        tip: (n, 3) in the sphere's axes [m].
+        mount: (n, 3) the shaft's other end [m].
+        sphere: [m].
+    """
+    shaft, seen = mount - tip, np.array(sphere.centre) - tip
+    along = np.sum(seen * shaft, axis=-1) / np.sum(shaft * shaft, axis=-1)
+    nearest = np.clip(along, 0.0, 1.0)[..., None] * shaft
+    return np.asarray(np.linalg.norm(seen - nearest, axis=-1) - sphere.radius)

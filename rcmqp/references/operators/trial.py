@@ -1,0 +1,81 @@
+"""The camera task as a scenario's path: it depends on what the camera shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rcmqp.errors import OptionError
+from rcmqp.references.hand import HandMapping
+from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.operators.learning import Learning
+from rcmqp.references.operators.omega7 import Omega7
+from rcmqp.references.operators.operator import Operator
+from rcmqp.references.operators.steering import Steering
+from rcmqp.world.insertion import Insertion
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTrial:
+    """One operator, one device, one task; ends when the task is done.
+
+    Attributes:
+        operator: who steers.
+        task: what is to be shown.
+        device: what is in the operator's hand.
+        mapping: from the hand's way to the view.
+        duration: after which the trial ends, done or not [s].
+        learning: how a novice becomes better by practice, before the trial and in it; None for
+            people who stay as they are, which is the model of the study.
+    """
+
+    operator: Operator = field(default_factory=Operator)
+    task: CameraTask = field(default_factory=CameraTask)
+    device: Omega7 = field(default_factory=Omega7)
+    mapping: HandMapping = field(default_factory=HandMapping)
+    duration: float = 600.0
+    learning: Learning | None = None
+
+    def __post_init__(self) -> None:
+        """Make the parts of what a file says of them, and check the duration."""
+        parts = (
+            ("operator", Operator),
+            ("task", CameraTask),
+            ("device", Omega7),
+            ("mapping", HandMapping),
+            *((("learning", Learning),) if self.learning is not None else ()),
+        )
+        for name, kind in parts:
+            value = getattr(self, name)
+            if isinstance(value, Mapping):
+                object.__setattr__(self, name, kind(**value))
+            elif not isinstance(value, kind):
+                raise OptionError(f"{name} = {value!r}, it must be of type {kind.__name__}")
+        if not 0.0 < self.duration < math.inf:
+            raise OptionError(f"duration = {self.duration} s, it must be positive")
+
+    def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
+        """The operator at the device; equal arguments do the same to the bit.
+
+        Raises:
+            OptionError: an objective is out of the device's reach.
+        """
+        for i, target in enumerate(self.task.targets):
+            far = math.hypot(*self.mapping.way(target, insertion.tip_depth))
+            if far > self.device.radius:
+                raise OptionError(
+                    f"objective {i + 1} is {1e3 * far:.0f} mm of the hand away, the device "
+                    f"reaches {1e3 * self.device.radius:.0f} mm: a larger scale than "
+                    f"{self.mapping.scale} brings it nearer"
+                )
+        return Steering(
+            self.operator,
+            self.task,
+            self.device,
+            self.mapping,
+            insertion,
+            period,
+            seed,
+            self.learning,
+        )

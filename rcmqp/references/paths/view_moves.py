@@ -1,0 +1,69 @@
+"""Smooth moves from view to view."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+from rcmqp.errors import OptionError
+from rcmqp.maths.smooth import step
+from rcmqp.references.view import ViewCommand
+
+
+@dataclass(frozen=True, slots=True)
+class ViewMoves:
+    """Views one after the other, with a move from rest to rest before each.
+
+    The first move begins at the view of the start. A move takes all four numbers from one view
+    to the next by one fraction, 10u^3 - 15u^4 + 6u^5.
+
+    Attributes:
+        views: (alpha, beta, gamma, t_z) of each view [rad], [m].
+        move: how long a move takes [s].
+        dwell: how long each view is held [s].
+    """
+
+    views: tuple[tuple[float, float, float, float], ...]
+    move: float = 2.0
+    dwell: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Make the views plain tuples and check them."""
+        object.__setattr__(self, "views", check_views(self.views))
+        if not 0.0 < self.move < math.inf:
+            raise OptionError(f"move = {self.move} s, it must be positive")
+        if not 0.0 <= self.dwell < math.inf:
+            raise OptionError(f"dwell = {self.dwell} s, it must be 0 or more")
+
+    @property
+    def duration(self) -> float:
+        """How long all moves take [s]."""
+        return len(self.views) * (self.move + self.dwell)
+
+    def command(self, t: float, tip_depth: float) -> ViewCommand:
+        """The view at ``t`` [s]; ``tip_depth`` does not matter."""
+        t = min(max(t, 0.0), self.duration)
+        index = min(int(t / (self.move + self.dwell)), len(self.views) - 1)
+        s, ds_du = step((t - index * (self.move + self.dwell)) / self.move)
+        before = self.views[index - 1] if index else (0.0,) * 4
+        pairs = list(zip(before, self.views[index], strict=True))
+        values = (start + s * (end - start) for start, end in pairs)
+        rates = (ds_du / self.move * (end - start) for start, end in pairs)
+        return ViewCommand(*values, *rates)
+
+
+def check_views(
+    views: tuple[tuple[float, float, float, float], ...],
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Views as plain tuples.
+
+    Raises:
+        OptionError: there is none, or one is not four finite numbers.
+    """
+    plain = tuple(tuple(map(float, view)) for view in views)
+    if not plain or any(len(view) != 4 for view in plain):
+        raise OptionError("views: at least one, each (alpha, beta, gamma, t_z)")
+    if not all(map(math.isfinite, itertools.chain(*plain))):
+        raise OptionError(f"views = {plain}, every number must be finite")
+    return plain  # type: ignore[return-value]  # four each

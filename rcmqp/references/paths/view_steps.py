@@ -1,0 +1,39 @@
+"""Views that follow each other at once: what the path planner is for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rcmqp.errors import OptionError
+from rcmqp.references.paths.view_moves import check_views
+from rcmqp.references.view import ViewCommand
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSteps:
+    """Views held one after the other, with a jump between them.
+
+    Attributes:
+        views: (alpha, beta, gamma, t_z) of each view [rad], [m].
+        dwell: how long each one is held [s].
+    """
+
+    views: tuple[tuple[float, float, float, float], ...]
+    dwell: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Make the views plain tuples and check them."""
+        object.__setattr__(self, "views", check_views(self.views))
+        if not 0.0 < self.dwell < math.inf:
+            raise OptionError(f"dwell = {self.dwell} s, it must be positive")
+
+    @property
+    def duration(self) -> float:
+        """How long all views take [s]."""
+        return len(self.views) * self.dwell
+
+    def command(self, t: float, tip_depth: float) -> ViewCommand:
+        """The view held at ``t`` [s]; ``tip_depth`` does not matter."""
+        index = int(t / self.dwell + 1e-9)  # a sampling instant at a jump belongs to the next view
+        return ViewCommand(*self.views[min(max(index, 0), len(self.views) - 1)])

@@ -1,0 +1,1 @@
+"""Scenarios, their simulation, runs, their files and their metrics."""

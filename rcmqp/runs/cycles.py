@@ -1,0 +1,134 @@
+"""What cycles leave, one by one, put together to parts of a run."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from rcmqp import _kernel
+from rcmqp.controllers.base import SAFE_STOP, Controller
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.derived import Derived
+from rcmqp.runs.run import PART, Run
+from rcmqp.runs.scenario import Scenario
+
+ROW = ("q", "q_measured", "angles", "v", "v_actual", "v_measured", "x", "x_d", "J")
+"""What a cycle leaves: channels of Run; and J (6, nv), the effector's Jacobian J_local."""
+
+
+class Cycles:
+    """Takes what each cycle leaves, and gives the Run that the cycles since the last one make.
+
+    The parts' sizes do not matter, to the bit.
+
+    Attributes:
+        shapes: of what ROW names.
+        size: cycles that there is room for.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        controller: Controller,
+        versions: Mapping[str, str],
+        size: int = PART,
+    ) -> None:
+        """Before the first cycle.
+
+        Args:
+            scenario: what is run.
+            controller: made for it.
+            versions: of Python and packages, see simulate.versions().
+            size: cycles that there is room for.
+        """
+        arm = controller.insertion.arm
+        self._scenario, self._controller, self._versions = scenario, controller, dict(versions)
+        self._derived = Derived(scenario, controller.insertion)
+        sizes = {"q": (arm.nq,), "q_measured": (arm.nq,), "x": (8,), "x_d": (8,), "J": (6, arm.nv)}
+        self.shapes = {name: sizes.get(name, (arm.nv,)) for name in ROW}
+        self.size = size
+        self._ends = np.cumsum([math.prod(shape) for shape in self.shapes.values()]).tolist()
+        self._table = np.empty((size, self._ends[-1]))
+        self._forget()
+
+    def __len__(self) -> int:
+        """Cycles since the last part."""
+        return len(self._times)
+
+    def add(
+        self,
+        solve_time: float,
+        diagnostics: Mapping[str, float],
+        stop: str,
+        *row: Array,
+        path_time: float | None = None,
+    ) -> None:
+        """Take a cycle.
+
+        Args:
+            solve_time: how long the controller took [s].
+            diagnostics: of its answer; a number that is not there every time is NaN where it
+                is not.
+            stop: why the controller stopped safely; empty where it did not.
+            row: what ROW names, C-contiguous arrays of float64.
+            path_time: on the path's own clock [s]; the time, if not given.
+        """
+        _kernel.store(self._table, len(self._times), *row)
+        self._times.append(solve_time)
+        self._path_times.append(math.nan if path_time is None else path_time)
+        self._diagnostics.append(dict(diagnostics))
+        if stop:
+            self._stops.setdefault(stop, []).append(len(self._times) - 1)
+
+    def part(self) -> Run:
+        """The run of the cycles since the last part, which are forgotten."""
+        columns = np.split(self._table[: len(self)], self._ends[:-1], axis=1)
+        rows = {
+            name: np.array(column, order="C").reshape(-1, *shape)
+            for column, (name, shape) in zip(columns, self.shapes.items(), strict=True)
+        }
+        names = dict.fromkeys(itertools.chain.from_iterable(self._diagnostics))
+        diagnostics = {
+            name: np.array([numbers.get(name, math.nan) for numbers in self._diagnostics])
+            for name in names
+        }
+        rows |= self._derived.of(rows)
+        del rows["J"]
+        path_time = np.array(self._path_times)
+        rows["path_time"] = np.where(np.isnan(path_time), rows["time"], path_time)
+        controller, arm = self._controller, self._controller.insertion.arm
+        made = Run(
+            scenario=self._scenario,
+            controller=controller.name,
+            options=controller.options,
+            versions=self._versions,
+            joints=arm.joints,
+            urdf_sha256=arm.sha256,
+            lower=arm.lower,
+            upper=arm.upper,
+            velocity_limit=arm.velocity,
+            acceleration_limit=arm.acceleration,
+            jerk_limit=arm.jerk,
+            assumed=tuple(sorted(arm.assumed)),
+            given=controller.given,
+            **rows,
+            solve_time=np.array(self._times),
+            diagnostics=diagnostics,
+            about_diagnostics={**SAFE_STOP, **controller.diagnostics},
+            stops=self._stops,
+        )
+        self._forget()
+        return made
+
+    def follow(self, part: Run) -> None:
+        """Go on after a part that was made elsewhere; none is left to be made here."""
+        self._derived.follow(part.x)
+
+    def _forget(self) -> None:
+        self._times: list[float] = []
+        self._path_times: list[float] = []
+        self._diagnostics: list[dict[str, float]] = []
+        self._stops: dict[str, list[int]] = {}

@@ -1,0 +1,185 @@
+"""What a run's file says once, format, scenario, controller, versions; its digest."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from rcmqp.controllers.given import UNKNOWN, Given
+from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.files import check_writable
+from rcmqp.runs.scenario import Scenario
+
+if TYPE_CHECKING:
+    import h5py
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+FORMAT = "rcmqp run"
+FORMAT_VERSION = 2
+CHECKED = {"fletcher32": True}  # each dataset carries checksums, verified on reading
+
+
+class Rows(Protocol):
+    """An array, or a dataset of a file, which is read as it is sliced."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...  # noqa: D102
+
+    @property
+    def dtype(self) -> Any: ...  # noqa: D102
+
+    def __getitem__(self, rows: slice, /) -> Any: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What does not change from cycle to cycle; see Run for the meanings."""
+
+    scenario: Scenario
+    controller: str
+    options: Mapping[str, Any]
+    versions: Mapping[str, str]
+    joints: Sequence[str]
+    urdf_sha256: str
+    stops: Mapping[str, Sequence[int]]
+    assumed: Sequence[str] = ()
+    given: Given = UNKNOWN
+
+    def digest(self, arrays: Mapping[str, Rows], block: int) -> str:
+        """SHA-256 over arrays, read ``block`` rows at a time, and head; versions do not count.
+
+        Neither does ``path_time`` if it is ``time``, nor jerk limits that are all infinite: files
+        of earlier versions, which have neither, have the same digest. So do files of versions that
+        did not say what the controller was given.
+        """
+        sha = hashlib.sha256()
+        for name in sorted(arrays):
+            if name == "path_time" and _equal(arrays[name], arrays["time"], block):
+                continue
+            array = arrays[name]
+            if name == "jerk_limit" and np.isinf(array[:]).all():
+                continue
+            sha.update(f"{name} {array.shape} {array.dtype}".encode())
+            for first in range(0, array.shape[0], block):
+                sha.update(np.ascontiguousarray(array[first : first + block]).tobytes())
+        sha.update(json.dumps(tuple(self.joints)).encode())
+        sha.update(self.scenario.to_json().encode())
+        sha.update(self.urdf_sha256.encode())
+        sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
+        if self.stops:
+            sha.update(json.dumps(self.stops).encode())
+        if self.assumed:
+            sha.update(json.dumps(tuple(self.assumed)).encode())
+        if self.given != UNKNOWN:
+            sha.update(self.given.to_json().encode())
+        return sha.hexdigest()
+
+    def write(self, file: h5py.File, digest: str) -> None:
+        """Put it into a file."""
+        file.create_dataset("stops", data=json.dumps(self.stops))
+        file.attrs["format"] = FORMAT
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["scenario"] = self.scenario.to_json()
+        file.attrs["controller"] = self.controller
+        file.attrs["options"] = json.dumps(dict(self.options))
+        file.attrs["versions"] = json.dumps(dict(self.versions))
+        file.attrs["joints"] = json.dumps(tuple(self.joints))
+        file.attrs["urdf_sha256"] = self.urdf_sha256
+        file.attrs["given"] = self.given.to_json()
+        file.attrs["assumed"] = json.dumps(tuple(self.assumed))
+        file.attrs["seed"] = self.scenario.seed
+        file.attrs["digest"] = digest
+
+
+def _equal(a: Rows, b: Rows, block: int) -> bool:
+    """Whether all rows are the same, read ``block`` of them at a time."""
+    return a.shape == b.shape and all(
+        np.array_equal(a[first : first + block], b[first : first + block])
+        for first in range(0, a.shape[0], block)
+    )
+
+
+def about(name: str, known: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """Unit and meaning of one of a controller's diagnostics, as its dataset has them."""
+    unit, meaning = known.get(name, ("", "(n,) see the controller"))
+    return {"unit": unit, "meaning": meaning}
+
+
+@contextlib.contextmanager
+def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """A run's file, open for reading; what goes wrong inside is said of the file.
+
+    Raises:
+        RunFileError: the file is missing, damaged, of another format or a later version.
+    """
+    import h5py  # only files need it, and it takes long to import
+
+    path = Path(path)
+    if not path.is_file():
+        reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
+        raise RunFileError(path, reason)
+    try:
+        with path.open("rb") as stream:
+            if stream.read(len(SIGNATURE)) != SIGNATURE:
+                raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
+        with h5py.File(path, "r", rdcc_nbytes=0) as file:  # a chunk is read when it is asked for
+            if file.attrs.get("format") == "rcmqp trial":
+                raise RunFileError(
+                    path,
+                    "a study's trial, which holds numbers and no run; simulate it again: "
+                    f"rcmqp study {path} --out again",
+                )
+            if file.attrs.get("format") != FORMAT:
+                raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
+            version = int(file.attrs["format_version"])
+            if version != FORMAT_VERSION:
+                raise RunFileError(
+                    path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
+                )
+            yield file
+    except RunFileError:
+        raise
+    except (
+        RcmqpError,
+        OSError,
+        AttributeError,
+        KeyError,
+        ValueError,
+        TypeError,
+        RuntimeError,
+    ) as error:
+        raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
+
+
+def check_replaceable(path: str | os.PathLike[str]) -> None:
+    """Find out before a run, not after it, whether its file can be written.
+
+    Raises:
+        RunFileError: it cannot; or there is a file that is none of a run's.
+    """
+    check_writable(path)
+    path = Path(path)
+    if path.is_file() and path.stat().st_size:
+        with path.open("rb") as stream:
+            if stream.read(len(SIGNATURE)) != SIGNATURE:
+                raise RunFileError(
+                    path, "is there already, and is no run; give another name, or remove it first"
+                )
+
+
+def check_digest(file: h5py.File, digest: str) -> None:
+    """Check what was read.
+
+    Raises:
+        RunFileError: the file says another digest.
+    """
+    if digest != file.attrs["digest"]:
+        raise RunFileError(Path(file.filename), "damaged: its numbers do not fit its digest")

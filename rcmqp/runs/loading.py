@@ -1,0 +1,145 @@
+"""Scenarios by name, and from files."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+import inspect
+import pkgutil
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.files import why
+from rcmqp.references.operators import STEERED
+from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
+from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.loading import arm_names
+
+
+def scenario_names() -> list[str]:
+    """Names that load_scenario() knows, sorted."""
+    package = importlib.import_module("rcmqp.scenarios")
+    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+
+
+def load_scenario(
+    name: str,
+    arm: str | None = None,
+    *,
+    flange: str | None = None,
+    acceleration: float | Sequence[float | None] | None = None,
+    jerk: float | Sequence[float | None] | None = None,
+    **changes: Any,
+) -> Scenario:
+    """Make a scenario by name on an arm, or read one from a file.
+
+    Args:
+        name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
+            those in the scenarios folder; or a .json file that holds Scenario.to_json().
+        arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
+            own. A .json file has its arm already.
+        flange: with a URDF, the frame that carries the instrument.
+        acceleration: limits of the joints in place of the arm's own, one number for all joints or
+            one for each [rad/s^2].
+        jerk: likewise [rad/s^3]; other limits are given by ``limits``.
+        changes: fields of Scenario to be other than the scenario has them, such as ``period``.
+
+    Raises:
+        UnknownName: there is no such scenario or field.
+        OptionError: the file is no scenario, or a value is not allowed.
+        RcmqpError: the arm cannot be loaded.
+    """
+    if name.endswith(".json"):
+        scenario = _read(Path(name))
+        if arm is not None or flange is not None:
+            raise OptionError(f"{name} names its own arm, {scenario.arm}; edit the file instead")
+    else:
+        if arm is not None and arm not in arm_names() and Path(arm).is_file():
+            arm = str(Path(arm).resolve())
+        module = scenario_module(name)
+        try:
+            scenario = module.scenario(arm or _default_arm(module), flange=flange)
+        except RcmqpError:
+            raise
+        except Exception as error:
+            raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
+        if not isinstance(scenario, Scenario):
+            raise OptionError(
+                f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
+            )
+    fields = [field.name for field in dataclasses.fields(Scenario)]
+    for change in changes:
+        if change not in fields:
+            raise UnknownName("field of a scenario", change, fields)
+    scenario = dataclasses.replace(scenario, **changes)
+    given: dict[str, Any] = {"acceleration": acceleration, "jerk": jerk}
+    given = {limit: value for limit, value in given.items() if value is not None}
+    if not given:
+        return scenario
+    limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
+    return dataclasses.replace(scenario, limits=limits)
+
+
+def scenario_module(name: str) -> ModuleType:
+    """The module of a scenario: one of scenario_names(), or a .py file like those.
+
+    Raises:
+        UnknownName: there is no such scenario.
+        OptionError: the file is not there, or has no function ``scenario``.
+    """
+    if not name.endswith(".py"):
+        name = name.replace("-", "_")
+        if name not in scenario_names():
+            raise UnknownName("scenario", name, scenario_names())
+        return importlib.import_module(f"rcmqp.scenarios.{name}")
+    spec = importlib.util.spec_from_file_location(Path(name).stem, name)
+    if not Path(name).is_file() or spec is None or spec.loader is None:
+        raise OptionError(
+            f"{name}: no such file; give a scenario's file or one of {scenario_names()}"
+        )
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
+    try:
+        inspect.signature(module.scenario).bind("an arm", flange=None)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise OptionError(
+            f"{name} has no function scenario(arm, *, flange=None), or it is called otherwise"
+        ) from error
+    return module
+
+
+def own_arm(name: str) -> str:
+    """The arm of a scenario where none is asked for.
+
+    Raises:
+        RcmqpError: there is no such scenario.
+    """
+    if name.endswith(".json"):
+        return _read(Path(name)).arm
+    return _default_arm(scenario_module(name))
+
+
+def _default_arm(module: ModuleType) -> str:
+    """What a scenario's function takes for its first argument, where it says so."""
+    default = next(iter(inspect.signature(module.scenario).parameters.values())).default
+    return DEFAULT_ARM if default is inspect.Parameter.empty else str(default)
+
+
+def _read(file: Path) -> Scenario:
+    try:
+        scenario = Scenario.from_json(file.read_text(encoding="utf-8"))
+        if isinstance(scenario.path, Foreign):
+            raise UnknownName("path", scenario.path.kind, (*PATHS, *STEERED))
+        return scenario
+    except OSError as error:
+        raise OptionError(f"cannot read the scenario {file}: {why(error)}") from error
+    except (UnicodeDecodeError, OptionError) as error:
+        raise OptionError(f"cannot read the scenario {file}: {error}") from error

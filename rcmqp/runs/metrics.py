@@ -1,0 +1,259 @@
+"""Numbers that sum up a run."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.operators import Steered
+from rcmqp.references.paths import Foreign
+from rcmqp.runs.behaviour import Behaviour, Standstill, standstill
+from rcmqp.runs.contour import Contour
+from rcmqp.runs.extent import Extent, FirstRows, percentile
+from rcmqp.runs.jerk import JerkRatio
+from rcmqp.runs.run import Run
+from rcmqp.runs.run_file import Recording
+from rcmqp.runs.scenario import Scenario
+from rcmqp.world.obstacles import clearance
+
+SATURATED = 1.0 - 1e-6
+"""Share of a limit from which on a joint counts as saturated."""
+
+ROUNDING = 1e-9
+"""Excess of a limit that is none [1], [rad]."""
+
+SMALL = 1e-4
+"""Below it, decimal places say too little of a number."""
+
+ERRORS = {"tip": "mm", "effector": "mm", "rcm": "mm", "orientation": "mrad"}
+"""What has an rms, a largest value and a 95th percentile, and its unit."""
+
+NOTHING = 1e-6
+"""Below it, a measure of AFTER_THE_STOP is shown as 0 [mm], [s], [1]."""
+
+AFTER_THE_STOP = ("reference_end_s", "overshoot_max_mm", "settling_time_s", "swing_ratio_end")
+"""Measures that are NaN if the reference does not stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """Errors, limits and times of a run, over all its sampling instants.
+
+    Names end in their unit. rms is the root of the mean square, p95 the 95th percentile. The tip
+    and the effector, which is the point of the shaft that lay on the trocar at the start, are
+    compared with where they were asked to be at the same instant, before the step; the RCM error
+    is the distance from the trocar to the shaft's axis.
+
+    A run may go on after its path has ended. Then rms and p95 are of the time until
+    ``errors_until_s``, so that rest is not averaged in; all else is of the whole run. The last
+    measures, from ``reversals_in_a_row`` on, are defined in behaviour.Behaviour.
+
+    Attributes:
+        contour_rms_mm, contour_max_mm: distance of the tip from its path, the curve of the desired
+            tip seen from the trocar, whenever it was asked to be there; see Contour.
+        lag_max_s: how late the tip is on its path, whether it falls behind the reference or a
+            governor slows the reference down; see Contour.
+        errors_until_s: when the path ended, or the reference or the trocar last moved if that is
+            later; the end of the run if that is earlier, and on steered paths.
+        duration_s: the time of the run's last instant.
+        depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
+        tilt_max_mrad: largest angle of the shaft from the trocar's axis.
+        speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
+        acceleration_ratio_max: largest change of a commanded joint speed from one cycle to the
+            next, from rest at first, over the period and the limit; likewise. NaN on arms without
+            acceleration limits.
+        jerk_ratio_max: largest change of that change, over the period squared and the jerk limit;
+            likewise.
+        saturated_share: of the cycles, those in which a joint is commanded at its limit of speed
+            or of acceleration, or above.
+        limit_margin_min_rad: least distance of a joint from a position limit; negative outside.
+        obstacle_distance_min_mm: least distance of the instrument from an obstacle, from surface
+            to surface; negative inside one, inf where there is none.
+        singular_value_min: least singular value of the effector's geometric Jacobian [m, rad].
+        tip_speed_rms_mm_s: of the desired tip; the law's lag is this over K.
+        reversals_in_a_row: most cycles in a row in which one joint turns round, at above 1 % of
+            its speed limit.
+        reversals: cycles in which a joint does.
+        step_ratio_max: largest change of a commanded joint speed from one cycle to the next, from
+            rest at first, over the joint's speed limit.
+        swing_ratio_end: largest range of a commanded joint speed over the last second, over the
+            joint's speed limit. It is of the time after reference and trocar have stopped, and NaN
+            if they do not.
+        overshoot_max_mm: how far the tip goes past the place where reference and trocar have
+            stopped; NaN if they do not.
+        settling_time_s: from when the reference stops, seen from the trocar, until the tip error
+            is below 1 mm for good; inf if it never is, NaN if the reference does not stop.
+        reference_end_s: when the reference stops, seen from the trocar; NaN if it does not.
+    """
+
+    tip_rms_mm: float
+    tip_max_mm: float
+    tip_p95_mm: float
+    contour_rms_mm: float
+    contour_max_mm: float
+    lag_max_s: float
+    effector_rms_mm: float
+    effector_max_mm: float
+    effector_p95_mm: float
+    rcm_rms_mm: float
+    rcm_max_mm: float
+    rcm_p95_mm: float
+    orientation_rms_mrad: float
+    orientation_max_mrad: float
+    orientation_p95_mrad: float
+    depth_min_mm: float
+    depth_max_mm: float
+    tilt_max_mrad: float
+    speed_ratio_max: float
+    acceleration_ratio_max: float
+    jerk_ratio_max: float
+    saturated_share: float
+    limit_margin_min_rad: float
+    obstacle_distance_min_mm: float
+    singular_value_min: float
+    tip_speed_rms_mm_s: float
+    solve_time_median_us: float
+    solve_time_p99_us: float
+    errors_until_s: float
+    duration_s: float
+    reversals_in_a_row: float
+    reversals: float
+    step_ratio_max: float
+    swing_ratio_end: float
+    overshoot_max_mm: float
+    settling_time_s: float
+    reference_end_s: float
+
+
+def compute_metrics(run: Recording) -> Metrics:
+    """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
+    contour = Contour(run)
+    found: defaultdict[str, Extent] = defaultdict(Extent)
+    asked: defaultdict[str, Extent] = defaultdict(Extent)
+    scenario = run.head.scenario
+    stop = standstill(run.column("x_d"), run.column("pivot"))
+    left = count = _rows_asked(scenario, stop)
+    behaviour = Behaviour(stop, scenario.period)
+    before: Run | None = None
+    jerk = JerkRatio()
+    for part in run.parts():
+        found["jerk_ratio"].add(jerk.of(part))
+        late = max(0, len(part.time) - max(0, left))
+        left -= len(part.time)
+        for name, channel in (_measures(part, before) | contour.measure(part)).items():
+            found[name].add(channel)
+            asked[name].add(channel[: max(0, len(channel) - late)])
+        behaviour.add(part.v, part.velocity_limit, part.tip, part.tip_d)
+        before = part
+    has_limit = np.isfinite(part.acceleration_limit).any()
+    has_jerk_limit = np.isfinite(part.jerk_limit).any()
+    values = {
+        "errors_until_s": scenario.period * (count - 1),
+        "duration_s": scenario.period * (stop.rows - 1),
+        **_errors(run, count, found, asked),
+        "contour_rms_mm": 1e3 * asked["contour"].rms,
+        "contour_max_mm": 1e3 * found["contour"].high,
+        "lag_max_s": found["lag"].high,
+        **behaviour.summary(),
+        "depth_min_mm": 1e3 * found["depth"].low,
+        "depth_max_mm": 1e3 * found["depth"].high,
+        "tilt_max_mrad": 1e3 * found["tilt"].high,
+        "speed_ratio_max": found["speed_ratio"].high,
+        "acceleration_ratio_max": found["acceleration_ratio"].high if has_limit else np.nan,
+        "jerk_ratio_max": found["jerk_ratio"].high if has_jerk_limit else np.nan,
+        "saturated_share": found["saturated"].mean_square,
+        "limit_margin_min_rad": found["margin"].low,
+        "obstacle_distance_min_mm": 1e3 * found["obstacle"].low,
+        "singular_value_min": found["singular_value"].low,
+        "tip_speed_rms_mm_s": 1e3 * asked["tip_speed"].rms,
+        "solve_time_median_us": 1e6 * percentile(run.column("solve_time"), 50),
+        "solve_time_p99_us": 1e6 * percentile(run.column("solve_time"), 99),
+    }
+    return Metrics(**{name: float(value) for name, value in values.items()})
+
+
+def _measures(part: Run, before: Run | None) -> dict[str, Array]:
+    """What is summed up of a part of a run; the part before it is None at the start, at rest."""
+    v = np.zeros_like(part.v[:1]) if before is None else before.v[-1:]
+    tip_d = part.tip_d[:0] if before is None else before.tip_d[-1:]
+    speed_ratio = np.abs(part.v / part.velocity_limit).max(axis=-1)
+    acceleration = np.abs(np.diff(part.v, axis=0, prepend=v)) / part.period
+    acceleration_ratio = (acceleration / part.acceleration_limit).max(axis=-1)
+    tip_velocity = np.diff(np.concatenate([tip_d, part.tip_d]), axis=0) / part.period
+    return {
+        **{name: getattr(part, f"{name}_error") for name in ERRORS},
+        **{name: getattr(part, name) for name in ("depth", "tilt", "singular_value")},
+        "speed_ratio": speed_ratio,
+        "acceleration_ratio": acceleration_ratio,
+        "saturated": np.maximum(speed_ratio, acceleration_ratio) >= SATURATED,
+        "margin": np.minimum(part.angles - part.lower, part.upper - part.angles),
+        "obstacle": obstacle_distance(part),
+        "tip_speed": np.linalg.norm(tip_velocity, axis=-1),
+    }
+
+
+def readable(value: float, style: str) -> str:
+    """A number for people.
+
+    One too small for decimal places has three significant digits, and one above 1000 no power.
+    """
+    if 1000.0 <= abs(value) < math.inf:
+        return f"{value:.0f}"
+    return format(value, ".3g" if 0.0 < abs(value) < SMALL else style)
+
+
+def against_limit(ratio: float, style: str = ".3g") -> str:
+    """A ratio to a limit, or the distance from one, for people.
+
+    "no limit" if the arm has none: the ratio is NaN, the distance infinite.
+    """
+    return readable(ratio, style) if np.isfinite(ratio) else "no limit"
+
+
+def after_the_stop(value: float, style: str = ".3g") -> str:
+    """A measure of AFTER_THE_STOP, for people.
+
+    "no stop" if it is NaN, "never" if infinite, 0 if it is below ``NOTHING``, by rounding.
+    """
+    if np.isnan(value):
+        return "no stop"
+    return "never" if np.isinf(value) else format(value if value >= NOTHING else 0.0, style)
+
+
+def until(errors_until_s: float, duration_s: float) -> str:
+    """Until when the errors count [s], for people: of how long, if the run goes on after that."""
+    rest = "" if errors_until_s == duration_s else f" of {duration_s:g}"
+    return f"{errors_until_s:g}{rest}"
+
+
+def obstacle_distance(run: Run) -> Array:
+    """Distance (n,) of the instrument from the nearest obstacle [m], see scene.clearance()."""
+    shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
+    return clearance(run.scenario.obstacles, run.scenario.instrument, run.tip, shaft)
+
+
+def _rows_asked(scenario: Scenario, stop: Standstill) -> int:
+    """Number of a run's rows until its path has ended, see Metrics; all of a steered one."""
+    path, last = scenario.path, stop.rows - 1
+    if isinstance(path, Steered) or (isinstance(path, Foreign) and not path.duration):
+        return last + 1
+    return min(last, max(round(path.duration / scenario.period), stop.both)) + 1
+
+
+def _errors(
+    run: Recording, count: int, found: Mapping[str, Extent], asked: Mapping[str, Extent]
+) -> dict[str, float]:
+    """Of each error's first ``count`` rows rms and 95th percentile; of all the largest."""
+    values = {}
+    for name, unit in ERRORS.items():
+        rows = FirstRows(run.column(f"{name}_error"), count)
+        values[f"{name}_rms_{unit}"] = 1e3 * asked[name].rms
+        values[f"{name}_max_{unit}"] = 1e3 * found[name].high
+        values[f"{name}_p95_{unit}"] = 1e3 * percentile(rows, 95)
+    return values

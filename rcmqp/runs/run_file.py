@@ -1,0 +1,107 @@
+"""A run's file, looked at in the memory of one part of it, however long it is."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, Self
+
+from rcmqp.runs.head import Head, Rows, check_digest, opened
+from rcmqp.runs.run import PART, Run, stored_channel, within
+
+if TYPE_CHECKING:
+    import h5py
+
+
+class Recording(Protocol):
+    """What can be summed up: a Run, or a RunFile."""
+
+    @property
+    def head(self) -> Head:
+        """What does not change from cycle to cycle."""
+
+    @property
+    def title(self) -> str:
+        """Scenario, arm and controller in one line."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that the run is; see Run."""
+
+    def parts(self) -> Iterator[Run]:
+        """The run, one part after the other."""
+
+    def column(self, name: str) -> Rows:
+        """A channel with a row for each cycle."""
+
+
+class RunFile:
+    """A run in a file that Run.load() would read, open for reading.
+
+        with RunFile(path) as run:
+            found = compute_metrics(run)
+
+    Attributes:
+        digest: see Run; the numbers in the file have been checked against it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Of the file at ``path``; nothing is read yet."""
+        self._path, self._open = path, contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        """Open the file and check every number in it.
+
+        Raises:
+            RunFileError: as Run.load() does.
+        """
+        with contextlib.ExitStack() as stack:
+            self._file: h5py.File = stack.enter_context(opened(self._path))
+            self._run = Run.read(self._file, slice(0, 0))
+            arrays = {
+                name: self.column(name)
+                for name in self._run.arrays()
+                if name in self._file or name == "path_time"
+            }
+            arrays |= dict(self._file["diagnostics"])
+            del arrays["solve_time"]
+            self.digest = self.head.digest(arrays, block=PART)
+            check_digest(self._file, self.digest)
+            self._open = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self._open.close()
+
+    @property
+    def head(self) -> Head:
+        """See Recording."""
+        return self._run.head
+
+    @property
+    def title(self) -> str:
+        """See Recording."""
+        return self._run.title
+
+    def parts(self, size: int = PART) -> Iterator[Run]:
+        """The run, ``size`` rows at a time; the last part may be shorter."""
+        file, numbers = self._file, self._file["diagnostics"]
+        for first in range(0, len(file["time"]), size):
+            rows = slice(first, first + size)
+            yield self._run.with_rows(
+                {name: self.column(name)[rows] for name in self._run.rows()},
+                {name: numbers[name][rows] for name in self._run.diagnostics},
+                within(self._run.stops, rows),
+            )
+
+    def column(self, name: str) -> Rows:
+        """See Recording."""
+        return stored_channel(self._file, name)  # type: ignore[no-any-return]

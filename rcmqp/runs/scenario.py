@@ -1,0 +1,442 @@
+"""A scenario: everything about a run but the controller, as frozen data."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections import ChainMap
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rcmqp import _kernel
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.plants import PLANTS, Kinematic, Plant
+from rcmqp.references.governor import Governed, Governor, PathClock, check_may_wait
+from rcmqp.references.operators import STEERED, Steered
+from rcmqp.references.paths import PATHS, Foreign, Path, views_of
+from rcmqp.references.planner import Planner
+from rcmqp.references.view import Reference, carried, view_pose
+from rcmqp.world.arm import Arm, ArmState
+from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
+from rcmqp.world.instrument import Camera, Instrument, Trocar
+from rcmqp.world.loading import arm_names, load_arm
+from rcmqp.world.motions import MOTIONS, Motion, Still
+from rcmqp.world.obstacles import Sphere
+
+DEFAULT_ARM = "lwa3"
+
+PIVOT_VELOCITIES = ("measured", "estimated", "unknown")
+
+PLANNER_STARTS = ("reference", "measured")
+
+MOST_CYCLES = 10_000_000
+"""Sampling instants that a run may have; each takes about a kilobyte."""
+
+BLOCK = 512
+"""Sampling instants that are prepared, and put away, at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """An arm with an endoscope in a trocar, and what is asked of it.
+
+    Plain numbers and names only: two scenarios that compare equal give the same run to the bit.
+
+    Attributes:
+        name: what it is called.
+        arm: a name that load_arm() knows, or the path of a URDF.
+        angles_start: (nv,) joint angles at the start [rad].
+        instrument: the endoscope.
+        trocar: the incision.
+        path: the views asked for; a steered one depends on what the camera shows.
+        duration: how long to simulate [s]; past its own end, the path stays where it is, and a
+            steered one may end the run before.
+        period: sampling period T [s].
+        flange: with a URDF, the frame that carries the instrument.
+        planner_time: how long the path planner takes from one view to a far one [s], in equal
+            parts of one period each; None sends every view to the controller as it is.
+        shaft_tolerance: how far off the shaft the trocar may be found at the start [m].
+        seed: of what is random in the scenario.
+        motion: of the trocar, counted from ``trocar.pivot``; the views go along with it.
+        pivot_velocity: what the controller is told of the trocar's velocity, whose position it
+            always knows: ``measured``, the velocity itself; ``estimated``, the way since the
+            last cycle over the period; ``unknown``, zero.
+        obstacles: what the instrument is to keep out of.
+        plant: what the joint velocity drives.
+        governor: slows the path down where the tip falls behind; the duration stays what it is,
+            so a slowed path may not come to its end. Neither the trocar's motion nor the path
+            planner's parts are slowed. None for a path that does not wait.
+        limits: of the joints, in place of the arm's own; None where none was given by hand.
+        planner_from: where the path planner starts towards a far view: ``reference``, at the last
+            reference; ``measured``, as in the paper's text, at the pose of the effector, which was
+            measured one period before.
+    """
+
+    name: str
+    arm: str
+    angles_start: tuple[float, ...]
+    instrument: Instrument
+    trocar: Trocar
+    path: Path | Steered
+    duration: float
+    period: float = 1e-3
+    flange: str | None = None
+    planner_time: float | None = None
+    shaft_tolerance: float = SHAFT_TOLERANCE
+    seed: int = 0
+    motion: Motion = field(default_factory=Still)
+    pivot_velocity: str = "measured"
+    obstacles: tuple[Sphere, ...] = ()
+    plant: Plant = field(default_factory=Kinematic)
+    governor: Governor | None = None
+    limits: ArmLimits | None = None
+    planner_from: str = "reference"
+
+    def __post_init__(self) -> None:
+        """Make plain numbers of what was given, and check it."""
+        object.__setattr__(self, "angles_start", tuple(map(float, self.angles_start)))
+        if not all(map(math.isfinite, self.angles_start)):
+            raise OptionError(f"angles_start = {self.angles_start}, they must be finite")
+        for name in ("duration", "period"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise OptionError(f"{name} = {value} s, it must be positive")
+        if not 0.0 <= self.shaft_tolerance < math.inf:
+            raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
+        if type(self.path) not in (*_KINDS["path"].values(), Foreign):
+            raise OptionError(
+                f"path = {self.path!r} is of no registered kind; add its class to "
+                "rcmqp.references.paths.PATHS"
+            )
+        if not isinstance(self.name, str) or not isinstance(self.arm, str):
+            raise OptionError(f"name = {self.name!r}, arm = {self.arm!r}, they must be text")
+        if not (isinstance(self.seed, int) and self.seed >= 0):
+            raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
+        if self.pivot_velocity not in PIVOT_VELOCITIES:
+            raise UnknownName("pivot_velocity", str(self.pivot_velocity), PIVOT_VELOCITIES)
+        if self.planner_from not in PLANNER_STARTS:
+            raise UnknownName("planner_from", str(self.planner_from), PLANNER_STARTS)
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        for obstacle in self.obstacles:
+            if not isinstance(obstacle, Sphere):
+                raise OptionError(f"obstacles: {obstacle!r} is no Sphere")
+        if not isinstance(self.limits, ArmLimits | None):
+            raise OptionError(f"limits = {self.limits!r}, they must be an ArmLimits, or None")
+        if self.limits == ArmLimits():
+            object.__setattr__(self, "limits", None)
+        if self.cycles > MOST_CYCLES:
+            raise OptionError(
+                f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
+                f"run keeps at most {MOST_CYCLES} in memory"
+            )
+        if self.cycles < 2:
+            raise OptionError(
+                f"duration = {self.duration} s is shorter than one period of {self.period} s"
+            )
+        if self.governor is not None:
+            if not isinstance(self.governor, Governor):
+                raise OptionError(f"governor = {self.governor!r}, it must be of type Governor")
+            check_may_wait(self.path)
+        if self.planner_time is not None and not (
+            2.0 * self.period <= self.planner_time < math.inf
+        ):
+            raise OptionError(
+                f"planner_time = {self.planner_time} s, it must be two periods of "
+                f"{self.period} s or more"
+            )
+
+    @classmethod
+    def on_shaft(
+        cls,
+        name: str,
+        arm: str,
+        path: Path | Steered,
+        *,
+        flange: str | None = None,
+        angles_start: ArrayLike | None = None,
+        depth: float = 0.1,
+        limits: ArmLimits | None = None,
+        **fields: Any,
+    ) -> Self:
+        """A scenario with the trocar where the shaft is, ``depth`` [m] before the tip.
+
+        Args:
+            name: what it is called.
+            arm: a name that load_arm() knows, or the path of a URDF.
+            path: the views asked for; they are simulated to their end.
+            flange: with a URDF, the frame that carries the instrument.
+            angles_start: (nv,) joint angles at the start [rad]; the arm's home without them.
+            depth: how far the tip is inside at the start [m].
+            limits: of the joints, in place of the arm's own.
+            fields: of the scenario, other than their defaults.
+        """
+        loaded = load_arm(arm, flange, **_given(limits))
+        insertion = Insertion.on_shaft(loaded, Instrument(), angles_start, depth=depth)
+        return cls.of(name, insertion, path, **({"limits": limits} | fields))
+
+    def __str__(self) -> str:
+        """The name, and the arm."""
+        return f"{self.name} on {self.arm}"
+
+    @property
+    def cycles(self) -> int:
+        """Number of sampling instants, the first at 0, the last nearest to ``duration``."""
+        return round(self.duration / self.period) + 1
+
+    @classmethod
+    def of(cls, name: str, insertion: Insertion, path: Path | Steered, **fields: Any) -> Self:
+        """The scenario of a path on an insertion that is at hand, for the path's duration.
+
+        Args:
+            name: what to call it.
+            insertion: its arm was loaded by name, or from a URDF; limits set by hand are kept.
+            path: the views asked for.
+            fields: any other field of Scenario.
+        """
+        arm = insertion.arm
+        given = {
+            "arm": arm.name,
+            "flange": None if arm.name in arm_names() else arm.flange,
+            "angles_start": tuple(insertion.angles_start),
+            "instrument": insertion.instrument,
+            "trocar": insertion.trocar,
+            "duration": path.duration,
+            "limits": arm.limits_by_hand,
+        }
+        return cls(name=name, path=path, **(given | fields))
+
+    def insertion(self) -> Insertion:
+        """Load the arm and put the instrument in.
+
+        Raises:
+            RcmqpError: the arm cannot be loaded, or things do not fit together.
+        """
+        arm = load_arm(self.arm, self.flange, **_given(self.limits))
+        return Insertion(
+            arm,
+            self.instrument,
+            self.trocar,
+            self.angles_start,
+            tolerance=self.shaft_tolerance,
+            obstacles=self.obstacles,
+        )
+
+    def has_limits_of(self, arm: Arm) -> bool:
+        """Whether an arm of the scenario's name has the limits that the scenario gives it."""
+        by_hand = arm.limits_by_hand.given()
+        if not by_hand.keys() | _given(self.limits).keys():
+            return True
+        own = load_arm(self.arm, self.flange, **_given(self.limits))
+        names = ("lower", "upper", "velocity", "acceleration", "jerk")
+        return (
+            all(np.array_equal(getattr(own, name), getattr(arm, name)) for name in names)
+            and own.speed_near_limits == arm.speed_near_limits
+            and own.assumed == arm.assumed
+        )
+
+    def planner(self, x_rcm: Array) -> Planner | None:
+        """The path planner about x_rcm (8,), N + 1 = planner_time / period; None without one."""
+        if self.planner_time is None:
+            return None
+        return Planner(x_rcm, round(self.planner_time / self.period) - 1, self.period)
+
+    def pivots(self, cycles: range | None = None) -> Array:
+        """Where the trocar is (n, 3) at n sampling instants, or at all, in the world [m]."""
+        cycles = range(self.cycles) if cycles is None else cycles
+        return np.array(self.trocar.pivot) + self._offsets(cycles)
+
+    def clock(self) -> PathClock | None:
+        """A clock for references(), to look at from outside; None without a governor."""
+        return None if self.governor is None else PathClock(self.governor)
+
+    def references(
+        self, insertion: Insertion, clock: PathClock | None = None
+    ) -> Generator[Reference, ArmState | None]:
+        """What the controller is told, one sampling instant after the other.
+
+        The view asked for, carried along by the trocar, through the path planner; and of the
+        trocar's velocity what ``pivot_velocity`` says. A steered path, a governor, or a planner
+        that starts from the measured pose, needs to see what the last reference led to: send() the
+        state that was measured then. If nothing is sent, the arm is taken to be where it was
+        asked to be.
+
+        Args:
+            insertion: the instrument in the patient.
+            clock: what clock() made, which shows the path's time; one is made if not given.
+
+        Raises:
+            InsertionError: a view is deeper than the shaft is long.
+            OptionError: the path is Foreign.
+        """
+        planner = self.planner(insertion.x_rcm)
+        if isinstance(self.path, Steered):
+            yield from self._steered(self.path, insertion, planner)
+            return
+        if self.governor is not None:
+            governed = Governed(self.path, insertion, clock or PathClock(self.governor))
+            yield from self._governed(governed, planner)
+            return
+        state: ArmState | None = None
+        for reference in self._drawn(self.path, insertion):
+            state = yield self._planned(planner, reference, state)
+
+    def _planned(
+        self, planner: Planner | None, reference: Reference, state: ArmState | None
+    ) -> Reference:
+        """The reference as the path planner has it, if there is one."""
+        if planner is None:
+            return reference
+        if state is None or self.planner_from == "reference":
+            return planner.step(reference)
+        return planner.step(reference, state.x)
+
+    def _steered(
+        self, path: Steered, insertion: Insertion, planner: Planner | None
+    ) -> Generator[Reference, ArmState | None]:
+        """The references of a path that is steered by what came of the last one."""
+        ask, x = path.start(insertion, self.period, self.seed).command, insertion.x_rcm
+        state: ArmState | None = None
+        for cycles in blocks(self.cycles):
+            for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
+                t = k * self.period
+                command = ask(t, x)
+                if command is None:
+                    return
+                insertion.check_reach(t, command.t_z)
+                reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
+                reference = self._planned(planner, reference, state)
+                state = yield reference
+                x = reference.x_d if state is None else state.x
+
+    def _governed(
+        self, governed: Governed, planner: Planner | None
+    ) -> Generator[Reference, ArmState | None]:
+        """The references of a path that waits for the arm."""
+        state: ArmState | None = None
+        for cycles in blocks(self.cycles):
+            for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
+                reference = governed.reference(k * self.period, offset, pivot_dot)
+                reference = self._planned(planner, reference, state)
+                state = yield reference
+                if state is not None:
+                    governed.see(state, reference)
+
+    def _drawn(self, path: Path, insertion: Insertion) -> Iterator[Reference]:
+        """The references of any other path, made a block at a time."""
+        for cycles in blocks(self.cycles):
+            times = self.period * np.arange(cycles.start, cycles.stop, dtype=float)
+            views = views_of(path, times, insertion.tip_depth)
+            deepest = int(np.argmax(views[:, 3]))
+            insertion.check_reach(times[deepest], views[deepest, 3])
+            offsets, pivot_dots = self._trocar(cycles)
+            made = _kernel.view_poses(insertion.x_rcm, views, offsets, pivot_dots)
+            yield from map(Reference, *made, pivot_dots)
+
+    def _trocar(self, cycles: range) -> tuple[Array, Array]:
+        """The trocar's offsets (n, 3) [m], and what is told of its velocity (n, 3) [m/s]."""
+        offsets = self._offsets(cycles)
+        if self.pivot_velocity == "unknown" or isinstance(self.motion, Still):
+            return offsets, np.zeros_like(offsets)
+        if self.pivot_velocity == "measured":
+            return offsets, np.array([self.motion.velocity(k * self.period) for k in cycles])
+        before = self._offsets(range(max(cycles.start - 1, 0), cycles.start or 1))
+        return offsets, np.diff(np.concatenate([before, offsets]), axis=0) / self.period
+
+    def _offsets(self, cycles: range) -> Array:
+        """Where the trocar is (n, 3) from where it was at first [m]."""
+        if isinstance(self.motion, Still):
+            return np.zeros((len(cycles), 3))
+        return np.array([self.motion.position(k * self.period) for k in cycles])
+
+    def to_json(self) -> str:
+        """The scenario as JSON; from_json() makes an equal one of it."""
+        data = dataclasses.asdict(self)
+        del data["limits"]
+        if self.governor is None:  # files of before there were governors say the same
+            del data["governor"]
+        if self.planner_from == "reference":  # likewise
+            del data["planner_from"]
+        if self.limits is not None:  # else as in files of earlier versions, whose digest stays
+            data["limits"] = self.limits.to_data()
+        for name, kinds in _KINDS.items():
+            if isinstance(self.path, Foreign) and name == "path":
+                data[name] = {"kind": self.path.kind, **self.path.numbers}
+                continue
+            kind = {cls: kind for kind, cls in kinds.items()}[type(getattr(self, name))]
+            data[name] = {"kind": kind, **data[name]}
+        return json.dumps(data, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Scenario:
+        """Make a scenario of what to_json() wrote.
+
+        Fields that have a default may be missing, as they are in files of earlier versions. A
+        path of an unknown kind is Foreign: it cannot be run, but what was run can be looked at.
+
+        Raises:
+            OptionError: the text is no scenario; the message says what is wrong with it.
+            UnknownName: its motion or plant is of an unknown kind.
+        """
+        try:
+            data = json.loads(text, parse_constant=_refuse)
+            path = data["path"]
+            known = path["kind"] in _KINDS["path"]
+            numbers = {name: value for name, value in path.items() if name != "kind"}
+            data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
+            for name in _KINDS.keys() & data.keys() - {"path"}:
+                data[name] = _of_kind(name, data[name])
+            instrument = dict(data["instrument"])
+            instrument["camera"] = Camera(**instrument["camera"])
+            data["instrument"] = Instrument(**instrument)
+            data["trocar"] = Trocar(**data["trocar"])
+            if data.get("governor") is not None:
+                data["governor"] = Governor(**data["governor"])
+            data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
+            if data.get("limits") is not None:
+                data["limits"] = ArmLimits.from_data(data["limits"])
+            return cls(**data)
+        except RcmqpError:
+            raise
+        except (ValueError, TypeError, KeyError) as error:
+            raise OptionError(
+                f"this is not a scenario: {type(error).__name__}: {error}"
+            ) from error
+
+
+_KINDS: dict[str, Mapping[str, type]] = {
+    "path": ChainMap(PATHS, STEERED),
+    "motion": MOTIONS,
+    "plant": PLANTS,
+}
+"""Fields of a scenario that are one of several kinds, and those kinds."""
+
+
+def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
+    """A path, motion or plant out of its own numbers and its ``kind``."""
+    options = dict(data)
+    kind = options.pop("kind")
+    if kind not in _KINDS[name]:
+        raise UnknownName(name, kind, _KINDS[name])
+    return _KINDS[name][kind](**options)
+
+
+def blocks(cycles: int) -> Iterator[range]:
+    """All cycles, BLOCK at a time."""
+    for first in range(0, cycles, BLOCK):
+        yield range(first, min(first + BLOCK, cycles))
+
+
+def _given(limits: ArmLimits | None) -> dict[str, Any]:
+    """What load_arm() is told of limits."""
+    return {} if limits is None else limits.given()
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number that a scenario could use")

@@ -1,0 +1,1 @@
+"""Runs shown: figures, tables, the viewer's page and the report."""

@@ -1,0 +1,214 @@
+"""Figures of runs, to stand beside the paper's."""
+
+from __future__ import annotations
+
+import math
+import os
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from rcmqp.files import whole
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.run import Run
+from rcmqp.show.labels import run_labels, run_marks
+from rcmqp.show.palette import colour, dash
+from rcmqp.world.loading import arm_title
+
+FLOOR_MM = 1e-13
+"""Where a logarithmic axis ends at the latest [mm]; what is less, as zero is, is drawn there."""
+WIDE = 44
+"""Letters of a line of what tells a run apart, at most."""
+SHAFTS = 7
+"""How many times the shaft is drawn along a trajectory."""
+
+
+def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure:
+    """Tip trajectories in space, one column a run, as the paper's Fig. 2.
+
+    Above, the arm at the start with its instrument, in the world [m]. Below, the trajectory in
+    the axes of the effector at the start, with the trocar at the origin, wherever it moves to
+    [mm]; the shaft is drawn at a few instants, from the trocar to the tip.
+
+    Args:
+        runs: at least one.
+        labels: what tells the runs apart, see run_marks().
+    """
+    labels = labels or [", ".join(marks) for marks in run_marks(runs)[1]]
+    figure = Figure(figsize=(4.8 * len(runs), 8.4), layout="constrained")
+    figure.suptitle(_shared_text(runs), fontsize=9)
+    for i, run in enumerate(runs):
+        above, below = (
+            figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
+            for row in (0, 1)
+        )
+        arm = _literal(arm_title(run.scenario.arm))
+        above.set_title(f"{arm}\n{_wrapped(labels[i])}", fontsize=10, y=0.98)
+        _draw_arm(above, run, colour(i))
+        _draw_trajectory(below, run, colour(i))
+    return figure
+
+
+def error_figure(
+    runs: Sequence[Run], *, logarithmic: bool = False, labels: Sequence[str] = ()
+) -> Figure:
+    """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3.
+
+    What all runs share of arm, period and what they were given is the title; the legend says
+    the rest.
+
+    Args:
+        runs: at least one.
+        logarithmic: whether the errors' axes are.
+        labels: what tells the runs apart; arms and run_labels() without it.
+    """
+    names = [_wrapped(label) for label in labels or _labels(runs)]
+    columns = 4 if max(map(len, names)) < 18 else 2
+    lines = 1 + max(name.count("\n") for name in names)
+    legend = lines * math.ceil(len(names) / columns)
+    figure = Figure(figsize=(8.0, 5.2 + 0.2 * legend), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    for plot, name in zip(axes, ("tip", "RCM"), strict=True):
+        errors = [1e3 * getattr(run, f"{name.lower()}_error") for run in runs]
+        if logarithmic:
+            errors = [np.maximum(error, FLOOR_MM) for error in errors]
+        for i, (run, error) in enumerate(zip(runs, errors, strict=True)):
+            plot.plot(
+                run.time,
+                error,
+                label=names[i],
+                color=colour(i),
+                linestyle=dash(i),
+                linewidth=1.4,
+                marker="" if run.time.size > 1 else ".",  # a line needs two
+            )
+        _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])
+    axes[0].set_title(_shared_text(runs), fontsize=9)
+    axes[1].set_xlabel("time [s]")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(),
+        loc="outside upper center",
+        ncols=columns,
+        frameon=False,
+    )
+    return figure
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
+    """Write a figure as PNG and as PDF, and return both paths.
+
+    Args:
+        figure: to write.
+        path: of both files, without their endings; it may have dots of its own.
+
+    Raises:
+        RunFileError: a file cannot be written.
+    """
+    stem = Path(path)
+    paths = [stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".pdf")]
+    for target in paths:
+        about = {"CreationDate": None} if target.suffix == ".pdf" else {}
+        with whole(target) as part:
+            figure.savefig(part, dpi=160, metadata=about)
+    return paths
+
+
+def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
+    insertion = run.insertion()
+    arm = insertion.arm.skeleton(run.q[0])
+    pivot = run.pivot[0]
+    axes.plot(*arm[:-1].T, color="0.45", linewidth=5, solid_capstyle="round", marker="o")
+    axes.plot(*np.array([arm[-2], run.tip[0]]).T, color="0.2", linewidth=1.6)
+    axes.plot(*run.tip.T, color=colour, linewidth=1.2)
+    axes.scatter(*pivot[:, None], color="black", s=22, depthshade=False)
+    points = np.vstack([arm, run.tip, pivot])
+    centre, half = (points.max(0) + points.min(0)) / 2, np.ptp(points, axis=0).max() / 2
+    low, high = centre - half, centre + half
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    axes.locator_params(nbins=5)
+    axes.zaxis.labelpad = 9
+    axes.set_box_aspect((1, 1, 1), zoom=0.9)
+    axes.view_init(elev=18, azim=-55)
+
+
+def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
+    desired, found = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
+    for k in np.linspace(0, len(run.time) - 1, SHAFTS).astype(int):
+        axes.plot(*np.column_stack([np.zeros(3), found[k]]), color="0.6", linewidth=0.8)
+    axes.plot(*desired.T, color="black", linewidth=2.8, alpha=0.25, label="desired tip")
+    axes.plot(*found.T, color=colour, linewidth=1.2, label="tip")
+    axes.scatter([0.0], [0.0], [0.0], color="black", s=30, label="trocar", depthshade=False)
+    drawn = np.vstack([desired, found])
+    deep = float(np.nanmax(drawn[:, 2]))
+    half = max(0.3 * deep, float(np.nanmax(np.abs(drawn[:, :2]))))
+    axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
+    axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4, 8, 12
+    axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.72)
+    axes.locator_params(nbins=3)
+    axes.locator_params(axis="z", nbins=6)
+    axes.tick_params(axis="z", pad=7)
+    axes.view_init(elev=18, azim=-60)
+    axes.legend(loc="upper left", fontsize=8, frameon=False)
+
+
+def _from_trocar(run: Run, points: Array) -> Array:
+    """Points (n, 3) in the world, seen from where the trocar is then, in the start's axes [mm]."""
+    start = dq.quaternion_conj(dq.P(run.x[0]))
+    return 1e3 * dq.rotate(start, points - run.pivot)
+
+
+def _wrapped(label: str) -> str:
+    """In lines short enough for half a figure."""
+    return _literal(textwrap.fill(label, WIDE, break_on_hyphens=False))
+
+
+def _literal(text: str) -> str:
+    """Text in which a dollar is no mathematics."""
+    return text.replace("$", r"\$")
+
+
+def _one_arm(runs: Sequence[Run]) -> bool:
+    return len({run.scenario.arm for run in runs}) == 1
+
+
+def _shared_text(runs: Sequence[Run]) -> str:
+    """What all runs share of their arm and of what they were given, in a line or two."""
+    arm = [arm_title(runs[0].scenario.arm)] if _one_arm(runs) else []
+    return _literal(
+        textwrap.fill(", ".join([*arm, *run_marks(runs)[0]]), 2 * WIDE, break_on_hyphens=False)
+    )
+
+
+def _labels(runs: Sequence[Run]) -> list[str]:
+    """What tells the runs apart, the arm in front if they have several."""
+    if _one_arm(runs):
+        return run_labels(runs)
+    return [
+        ", ".join([arm_title(run.scenario.arm), *marks])
+        for run, marks in zip(runs, run_marks(runs)[1], strict=True)
+    ]
+
+
+def _label_axes(axes: Axes, label: str, errors: Sequence[Array]) -> None:
+    """Label and limit an axis; a logarithmic one, if given errors, starts below all of them.
+
+    Their lowest hundredth does not count, or the zero of a start would set the scale; neither
+    does what is missing.
+    """
+    axes.set_ylabel(label)
+    if errors:
+        axes.set_yscale("log")
+        there = [error[np.isfinite(error)] for error in errors]
+        lowest = [float(np.quantile(error, 0.01)) for error in there if error.size]
+        axes.set_ylim(bottom=0.5 * min(lowest, default=FLOOR_MM))
+    else:
+        axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)

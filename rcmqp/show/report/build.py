@@ -1,0 +1,135 @@
+"""A folder that shows runs: index.html, tables, figures, and a viewer a scenario and arm."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shlex
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from rcmqp.errors import RunFileError, ViewError
+from rcmqp.files import check_writable, make_folder
+from rcmqp.runs.run import Run
+from rcmqp.show import plots, tables
+from rcmqp.show.report.document import Picture, Section, as_html, as_markdown
+from rcmqp.show.report.groups import Group, groups_of
+from rcmqp.show.report.remake import remake_text
+from rcmqp.show.viewer.build import check_runs, write_page
+
+INDEX, TEXT, NUMBERS = "index.html", "report.md", "report.csv"
+"""Files that every report has."""
+
+COLUMNS = 2
+"""Runs of a group whose trajectories are drawn side by side, at most."""
+
+
+def write_report(
+    runs: Sequence[Run],
+    out: str | os.PathLike[str],
+    *,
+    files: Sequence[str],
+    title: str = "",
+    opening: Sequence[Section] = (),
+    command: str = "",
+) -> list[Path]:
+    """Write a report of runs, and return what was written, index.html first.
+
+    Every file is made before the first takes its place, and index.html takes it last: what goes
+    wrong before that leaves the folder as it was.
+
+    Args:
+        runs: at least one, of any scenarios and arms.
+        out: folder, made if it is not there.
+        files: names of the runs' files.
+        title: of the report; the scenarios' names without it.
+        opening: sections that come first, with the pictures of the report; without them each
+            scenario and arm gets its trajectories and errors.
+        command: that makes the report again; rcmqp report without it.
+
+    Raises:
+        ViewError: no run, or an arm that this machine does not have.
+        RunFileError: the folder or a file in it cannot be written.
+    """
+    if not runs:
+        raise ViewError("no run to report; give at least one")
+    groups = groups_of(runs, files)
+    for group in groups:
+        check_runs(group.runs)
+    folder = make_folder(out)
+    names = [name for group in groups for name in group.files]
+    sections = [
+        *opening,
+        *(
+            Section(group.title, viewer=group.viewer, pictures=() if opening else pictures(group))
+            for group in groups
+        ),
+        Section("Numbers", f"{tables.as_markdown(_rows(groups))}\nAll columns: [CSV]({NUMBERS})"),
+        Section(
+            "How to make it again",
+            remake_text(groups, command or shlex.join(["rcmqp", "report", *names, "--out", "."])),
+        ),
+    ]
+    scenarios = dict.fromkeys(run.scenario.name for run in runs)
+    count = f"{len(runs)} runs" if len(runs) > 1 else "a run"
+    title = title or f"{', '.join(scenarios)}: {count}"
+    try:
+        with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as part:
+            try:
+                _make(Path(part), title, groups, sections)
+            except RunFileError as error:
+                raise RunFileError(folder / error.path.name, error.reason) from error
+            return _move(Path(part), folder)
+    except OSError as error:
+        raise RunFileError(folder, f"could not be written: {error.strerror or error}") from error
+
+
+def _make(part: Path, title: str, groups: Sequence[Group], sections: Sequence[Section]) -> None:
+    """Write all files into a folder."""
+    for group in groups:
+        write_page(group.runs, part / group.viewer)
+        (part / group.scenario).write_text(group.runs[0].scenario.to_json(), encoding="utf-8")
+    for section in sections:
+        for picture in section.pictures:
+            picture.write(part)
+    (part / NUMBERS).write_text(tables.as_csv(_rows(groups)), encoding="utf-8")
+    (part / TEXT).write_text(as_markdown(title, sections), encoding="utf-8")
+    (part / INDEX).write_text(as_html(title, sections), encoding="utf-8")
+
+
+def _move(part: Path, folder: Path) -> list[Path]:
+    """Give all files their places, index.html's last; their paths, index.html's first."""
+    names = sorted(file.name for file in part.iterdir() if file.name != INDEX)
+    for name in (*names, INDEX):
+        check_writable(folder / name)
+    for name in (*names, INDEX):
+        (part / name).replace(folder / name)
+    return [folder / name for name in (INDEX, *names)]
+
+
+def _rows(groups: Sequence[Group]) -> list[tables.Row]:
+    """What came of each run; its controller with what else tells it apart."""
+    return [
+        dataclasses.replace(tables.row_of(run), controller=label, file=file)
+        for group in groups
+        for run, label, file in zip(group.runs, group.labels, group.files, strict=True)
+    ]
+
+
+def pictures(group: Group) -> list[Picture]:
+    """Trajectories of a group's first runs, and the errors of all."""
+    drawn = group.runs[:COLUMNS]
+    return [
+        Picture(
+            f"trajectories_{group.stem}",
+            "The arm at the start, and the tip's path from the trocar: "
+            + ", ".join(group.labels[:COLUMNS]),
+            plots.trajectory_figure(drawn, group.labels),
+        ),
+        Picture(
+            f"errors_{group.stem}",
+            "Tip and RCM error over time",
+            plots.error_figure(group.runs, logarithmic=len(group.runs) > 1, labels=group.labels),
+        ),
+    ]

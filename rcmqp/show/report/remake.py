@@ -1,0 +1,81 @@
+"""How a report is made again: commands, seeds, versions."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+
+from rcmqp.controllers import CONTROLLERS, controller_options
+from rcmqp.references.paths import Foreign
+from rcmqp.runs.run import Run
+from rcmqp.show.markdown import literal
+from rcmqp.show.report.groups import Group
+from rcmqp.show.viewer.table import versions_text
+
+DIGITS = 12
+"""How much of a digest is shown; the whole is in the CSV file."""
+
+
+def run_command(run: Run, scenario: str, file: str) -> str:
+    """The command that makes a simulated run again; a comment where none can.
+
+    Args:
+        run: to be made again.
+        scenario: JSON file of its scenario, whose period and seed may be others.
+        file: to write the run to.
+    """
+    kind = CONTROLLERS.get(run.controller)
+    if kind is None or not kind.__module__.startswith("rcmqp."):
+        return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
+    path = run.scenario.path
+    if isinstance(path, Foreign) or not type(path).__module__.startswith("rcmqp."):
+        name = path.kind if isinstance(path, Foreign) else type(path).__name__
+        return f"# {file}: its path {name!r} is not one of rcmqp's"
+    defaults = controller_options(run.controller)
+    changed = {name: x for name, x in run.options.items() if x != defaults.get(name)}
+    if any(not isinstance(value, bool | int | float | str) for value in changed.values()):
+        given = " and ".join(map(repr, changed))
+        return f"# {file}: made in Python, its {given} were given there"
+    words = ["rcmqp", "run", scenario, "--controller", run.controller]
+    words += ["--period", repr(run.period), "--seed", str(run.scenario.seed)]
+    for name, value in changed.items():
+        words += ["--set", f"{name}={value}"]
+    return shlex.join([*words, "--out", file])
+
+
+def remake_text(groups: Sequence[Group], command: str) -> str:
+    """Markdown that says how to make everything again.
+
+    Args:
+        groups: all runs.
+        command: that makes the report, and its runs where it can.
+    """
+    runs = [pair for group in groups for pair in _commands(group)]
+    made = [f"- {literal(f'{group.title}: {versions_text(group.runs)}')}" for group in groups]
+    return "\n".join(
+        [
+            *_code([command]),
+            "Or run by run, in this folder. With the same versions a run comes out with the same "
+            "digest, which `rcmqp show FILE --json` prints:",
+            "",
+            *_code(runs),
+            "The runs here were made with:",
+            "",
+            *made,
+        ]
+    )
+
+
+def _code(lines: Sequence[str]) -> list[str]:
+    inside = max(map(len, re.findall("`*", "\n".join(lines))))
+    fence = "`" * max(3, inside + 1)
+    return [f"{fence}sh", *lines, fence, ""]
+
+
+def _commands(group: Group) -> list[str]:
+    lines = []
+    for run, file in zip(group.runs, group.files, strict=True):
+        command = run_command(run, group.scenario, file)
+        lines += [f"# digest {run.digest[:DIGITS]}...", command]
+    return lines

@@ -1,0 +1,172 @@
+"""Still pictures and video of recorded runs, without a display."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rcmqp.errors import OptionError, RunFileError, UnknownName
+from rcmqp.files import check_ending, check_writable, whole
+from rcmqp.runs.run import Run
+from rcmqp.show.viewer.browser import ffmpeg_path, opened
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+CAMERAS = {"scene": (1280, 960), "endoscope": (800, 880), "page": (1280, 800)}
+"""What a picture shows: the arm, the endoscope's own image, or the whole page; its size."""
+
+FINE = 480
+"""Scenes and endoscopes at least as wide and high are drawn as on a display of twice the density
+[pixels]: lines and letters are large enough where the picture is shown small."""
+
+RATE = 30
+"""Pictures a second of a video."""
+
+
+def snapshot(
+    runs: Sequence[Run],
+    path: str | os.PathLike[str],
+    *,
+    time: float = 0.0,
+    camera: str = "scene",
+    size: tuple[int, int] | None = None,
+    dark: bool = False,
+) -> Path:
+    """Write a PNG of runs at one time, and return its path.
+
+    Args:
+        runs: of one scenario; the first one's arm is solid.
+        path: of the picture, it ends in .png.
+        time: on the run's clock [s].
+        camera: one of CAMERAS.
+        size: width and height in pixels; CAMERAS' own without it.
+        dark: whether the background is dark.
+
+    Raises:
+        ToolMissing: Chromium or playwright is not installed.
+        UnknownName: there is no such camera.
+        OptionError: the time is outside the runs, or the file is no .png.
+        RunFileError: the file cannot be written.
+        ViewError: see page().
+    """
+    size = _checked(runs, path, ".png", camera, size)
+    _check_time(runs, time)
+    with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
+        page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
+        picture = page.screenshot(type="png")
+    with whole(path) as part:
+        part.write_bytes(picture)
+    return Path(path)
+
+
+def video(
+    runs: Sequence[Run],
+    path: str | os.PathLike[str],
+    *,
+    camera: str = "scene",
+    speed: float = 1.0,
+    size: tuple[int, int] | None = None,
+    dark: bool = False,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Path:
+    """Write an MP4 of runs from beginning to end, and return its path.
+
+    Args:
+        runs: of one scenario; the first one's arm is solid.
+        path: of the video, it ends in .mp4.
+        camera: one of CAMERAS.
+        speed: how fast the run's clock goes; 2 is twice as fast.
+        size: width and height in pixels, both even; CAMERAS' own without it.
+        dark: whether the background is dark.
+        progress: called after each picture with 1 and how many there will be.
+
+    Raises:
+        ToolMissing: Chromium, playwright or ffmpeg is not installed.
+        UnknownName: there is no such camera.
+        OptionError: speed or size is not allowed, or the file is no .mp4.
+        RunFileError: the file cannot be written; the message says what ffmpeg said.
+        ViewError: see page().
+    """
+    ffmpeg = ffmpeg_path()
+    size = _checked(runs, path, ".mp4", camera, size)
+    if size[0] % 2 or size[1] % 2:
+        raise OptionError(f"size = {size}, a video needs an even width and height")
+    if not 0.0 < speed < math.inf:
+        raise OptionError(f"speed = {speed}, it must be positive and finite")
+    duration = max(float(run.time[-1]) for run in runs)
+    pictures = max(2, math.ceil(duration / speed * RATE) + 1)
+    command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(RATE)]
+    command += ["-c:v", "mjpeg", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
+    command += ["-crf", "18", "-movflags", "+faststart"]
+    with whole(path) as part:
+        with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
+            times = (min(duration, k * speed / RATE) for k in range(pictures))
+            said = _encoded([*command, str(part)], page, times, lambda: progress(1, pictures))
+        if said:
+            raise RunFileError(Path(path), f"ffmpeg could not write it: {said}")
+    return Path(path)
+
+
+def _encoded(
+    command: Sequence[str], page: Page, times: Iterable[float], done: Callable[[], None]
+) -> str:
+    """Pictures of the page at ``times`` [s], one after the other into ffmpeg.
+
+    Returns:
+        What ffmpeg said where it failed; empty where it did not.
+    """
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+        assert encoder.stdin is not None
+        assert encoder.stderr is not None
+        try:
+            for time in times:
+                page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
+                encoder.stdin.write(page.screenshot(type="jpeg", quality=95))
+                done()
+            encoder.stdin.close()
+        except BrokenPipeError:  # ffmpeg gave up; what it said follows
+            with contextlib.suppress(BrokenPipeError):
+                encoder.stdin.close()  # or Popen does, and trips over what is left in it
+        said = encoder.stderr.read().decode(errors="replace").strip()
+    return said or "no reason given" if encoder.returncode else ""
+
+
+def _checked(
+    runs: Sequence[Run],
+    path: str | os.PathLike[str],
+    ending: str,
+    camera: str,
+    size: tuple[int, int] | None,
+) -> tuple[int, int]:
+    """Size of the picture; what is wrong is found before the browser starts."""
+    if camera not in CAMERAS:
+        raise UnknownName("camera", camera, CAMERAS)
+    check_ending(path, ending)
+    check_writable(path)
+    width, height = size or CAMERAS[camera]
+    if not (64 <= width <= 7680 and 64 <= height <= 7680):
+        raise OptionError(f"size = {width} x {height} pixels, each must be 64 to 7680")
+    return width, height
+
+
+def _check_time(runs: Sequence[Run], time: float) -> None:
+    last = max((float(run.time[-1]) for run in runs), default=0.0)
+    if not 0.0 <= time <= last:
+        raise OptionError(f"time = {time} s, the run goes from 0 to {last:g} s")
+
+
+def _pane(camera: str) -> str:
+    """What of the page is shown by itself; nothing where it is the whole page."""
+    return "" if camera == "page" else camera
+
+
+def _density(camera: str, size: tuple[int, int]) -> int:
+    """Pixels of the picture, down or across, for one of the page."""
+    fine = camera != "page" and min(size) >= FINE and not any(side % 2 for side in size)
+    return 2 if fine else 1

@@ -1,0 +1,154 @@
+"""Shapes of an arm's links, from its URDF, as Meshcat takes them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.viewer import collada_
+from rcmqp.show.viewer.collada_ import Colour
+from rcmqp.show.viewer.meshcat_ import Triangles
+from rcmqp.show.viewer.meshcat_ import geometry as g
+from rcmqp.show.viewer.surface import smooth
+from rcmqp.world.arm import Arm
+
+GREY = (0.78, 0.79, 0.81)
+CHAIN_RADIUS = 0.035
+"""Of the cylinders that stand for links without shapes [m]."""
+
+_Z_FROM_Y = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)
+"""Turns what three.js draws along y, cylinders and capsules, along z."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One shape, fixed to a link.
+
+    Attributes:
+        joint: index in the arm's model of the joint that moves it; 0 for the base.
+        placement: (4, 4) in that joint's frame.
+        data: Meshcat's object, lowered.
+        colour: (3,) red, green, blue from 0 to 1.
+    """
+
+    joint: int
+    placement: Array
+    data: dict[str, Any]
+    colour: Colour
+
+
+def arm_parts(arm: Arm) -> list[Part]:
+    """The arm's shapes: its URDF's, or, without any that can be read, cylinders base to flange.
+
+    What the URDF mounts beyond the flange, such as a gripper, is left out: there the instrument
+    is mounted.
+    """
+    return _urdf_parts(arm) or _chain_parts(arm)
+
+
+def _urdf_parts(arm: Arm) -> list[Part]:
+    if arm.urdf is None:
+        return []
+    full = pin.buildModelFromUrdf(str(arm.urdf))
+    try:
+        shapes = pin.buildGeomFromUrdf(
+            full,
+            str(arm.urdf),
+            pin.GeometryType.VISUAL,
+            package_dirs=[str(folder) for folder in arm.urdf.resolve().parents],
+        )
+    except (ValueError, RuntimeError):  # a mesh is missing, or of a kind that is not read
+        return []
+    parts = []
+    for shape in shapes.geometryObjects:
+        body = full.frames[shape.parentFrame]
+        if _beyond(full, shape.parentFrame, arm.flange):
+            continue
+        frame = arm.model.frames[arm.model.getFrameId(body.name, pin.FrameType.BODY)]
+        placement = frame.placement * body.placement.actInv(shape.placement)
+        for data, fix, colour in _lowered(shape):
+            parts.append(Part(frame.parentJoint, placement.homogeneous @ fix, data, colour))
+    return parts
+
+
+def _beyond(full: pin.Model, frame: int, flange: str) -> bool:
+    """Whether a frame of the model hangs on the flange, and is not the flange itself."""
+    while frame > 0:
+        frame = full.frames[frame].parentFrame
+        if full.frames[frame].name == flange and full.frames[frame].type == pin.FrameType.BODY:
+            return True
+    return False
+
+
+def _lowered(shape: Any) -> list[tuple[dict[str, Any], Array, Colour]]:
+    """Meshcat's objects of a shape, what to multiply its placement with, and their colours."""
+    geometry, own = shape.geometry, _colour(shape)
+    if isinstance(geometry, coal.Cylinder):
+        return [(_mesh(g.Cylinder(2.0 * geometry.halfLength, geometry.radius)), _Z_FROM_Y, own)]
+    if isinstance(geometry, coal.Sphere):
+        return [(_mesh(g.Sphere(geometry.radius)), np.eye(4), own)]
+    if isinstance(geometry, coal.Box):
+        return [(_mesh(g.Box((2.0 * geometry.halfSide).tolist())), np.eye(4), own)]
+    if not isinstance(geometry, coal.BVHModelBase):
+        return []
+    surfaces = [(smooth(corners), colour) for colour, corners in _triangles(shape).items()]
+    return [(_mesh(Triangles(surface)), np.eye(4), colour or GREY) for surface, colour in surfaces]
+
+
+def _triangles(shape: Any) -> dict[Colour | None, Array]:
+    """Corners (m, 3, 3) of a mesh's triangles by colour: the URDF's, or else the file's own."""
+    path = Path(shape.meshPath)
+    if path.suffix.lower() == ".dae" and not shape.overrideMaterial:
+        with contextlib.suppress(collada_.Unreadable):  # what follows does without its colours
+            return collada_.triangles(path, shape.meshScale)
+    mesh = shape.geometry
+    rows = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
+    faces = np.array([[row[0], row[1], row[2]] for row in rows])
+    return {_colour(shape): mesh.vertices()[faces]}
+
+
+def _colour(shape: Any) -> Colour:
+    """What the URDF gives, or its reader where it gives none."""
+    red, green, blue = (float(x) for x in shape.meshColor[:3])
+    return red, green, blue
+
+
+def _mesh(geometry: Any) -> dict[str, Any]:
+    mesh = g.Mesh(geometry, g.MeshLambertMaterial())
+    geometry.uuid, mesh.material.uuid, mesh.uuid = "geometry", "material", "mesh"  # not by chance
+    lowered: dict[str, Any] = mesh.lower()
+    return lowered
+
+
+def _chain_parts(arm: Arm) -> list[Part]:
+    """For an arm without shapes: cylinders from the base over the joints to the flange.
+
+    A ball is on each joint.
+    """
+    parts = []
+    for i, end in enumerate([*arm.model.jointPlacements[1:], arm.jMflange]):
+        if i > 0:
+            parts.append(Part(i, np.eye(4), _mesh(g.Sphere(1.25 * CHAIN_RADIUS)), GREY))
+        parts.extend(_rod(i, end.translation))
+    return parts
+
+
+def _rod(joint: int, end: Sequence[float] | Array) -> list[Part]:
+    """A cylinder from a joint's origin to ``end`` (3,) in its frame; none where that is near."""
+    end = np.asarray(end, dtype=float)
+    length = float(np.linalg.norm(end))
+    if length < CHAIN_RADIUS:
+        return []
+    placement = np.eye(4)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length)
+    placement[:3, :3], placement[:3, 3] = turn.toRotationMatrix(), end / 2.0
+    rod = _mesh(g.Cylinder(length, CHAIN_RADIUS))
+    return [Part(joint, placement @ _Z_FROM_Y, rod, GREY)]

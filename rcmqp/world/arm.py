@@ -1,0 +1,354 @@
+"""A fixed-base serial arm: the only owner of a pin.Data."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from rcmqp import _kernel
+from rcmqp.errors import FrameNotFound, InvalidCommand, OptionError
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.arm_limits import Given, SpeedNearLimits
+from rcmqp.world.limited import Limited
+
+_LOCAL = pin.ReferenceFrame.LOCAL
+_jacobians, _placement = pin.computeJointJacobians, pin.updateFramePlacement
+_jacobian, _xyzquat = pin.getFrameJacobian, pin.SE3ToXYZQUAT
+
+_LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
+"""(3, 3, 3): (a x b)_i = sum_jk e[i, j, k] a_j b_k."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmState:
+    """What one kinematics pass found at ``q``.
+
+    The effector is the point of the arm that is controlled: the flange, or, with an instrument
+    in a trocar, the point of the shaft that lay on the trocar at the start.
+
+    Attributes:
+        q: (nq,) configuration, Pinocchio's.
+        angles: (nv,) joint coordinates [rad] or [m]; an angle where a joint is continuous.
+        oMe: placement of the effector in the world, z along the shaft, into the patient.
+        x: (8,) the same placement as a unit dual quaternion, x_eff of the paper.
+        J_local: (6, nv) effector twist per joint velocity, linear [m] then angular [rad], in the
+            effector frame.
+        v: (nv,) joint velocity now [rad/s]; zero where none is given. In a control loop, the last
+            command: the next one is kept within the acceleration limits of it.
+        a: (nv,) joint acceleration now [rad/s^2]; zero where none is given. In a control loop, the
+            last command minus the one before, over the period: limits on jerk count from it.
+    """
+
+    q: Array
+    angles: Array
+    oMe: pin.SE3
+    x: Array
+    J_local: Array
+    v: Array
+    a: Array
+
+    @property
+    def J_world_aligned(self) -> Array:
+        """(6, nv) the effector's twist in axes parallel to the world's, linear then angular."""
+        R = self.oMe.rotation
+        return np.vstack([R @ self.J_local[:3], R @ self.J_local[3:]])
+
+    @property
+    def J_dq(self) -> Array:
+        """(8, nv) J of equation (1): vec(x_eff)' = J_dq v.
+
+        With the effector's twist (nu, omega) in its own frame, x' = (1/2) x (omega + eps nu).
+        """
+        twist = np.zeros((8, self.J_local.shape[1]))
+        twist[1:4], twist[5:8] = self.J_local[3:], self.J_local[:3]
+        return 0.5 * dq.H8_plus(self.x) @ twist
+
+
+class Arm(Limited):
+    """A Pinocchio model, its tool flange and its home.
+
+    Made by load_arm(). Every joint has one degree of freedom and moves the flange; velocity
+    index i is joint i of the chain.
+
+    Attributes:
+        name: the name it was loaded by.
+        title: what people call it.
+        licence: of the model file.
+        model: Pinocchio's model.
+        flange: name of the frame that the instrument is mounted on.
+        jMflange: placement of the flange in the last joint's frame.
+        home: (nv,) joint angles of the named starting pose [rad].
+        lower, upper, velocity, acceleration, jerk, speed_near_limits: see Limited.
+        middle: (nv,) middle of the position limits; 0 for continuous joints.
+        srs_offsets: (nv,) what to add to the joint angles so that they are those of a
+            spherical-revolute-spherical arm that is straight at zero; None for other arms.
+        urdf: the file that the model was read from.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        flange: str,
+        *,
+        name: str,
+        title: str | None = None,
+        licence: str = "unknown",
+        home: ArrayLike | None = None,
+        flange_offset: pin.SE3 | None = None,
+        acceleration: Given | None = None,
+        jerk: Given | None = None,
+        speed_near_limits: SpeedNearLimits | None = None,
+        by_hand: Mapping[str, Any] | None = None,
+        srs_offsets: ArrayLike | None = None,
+        urdf: Path | None = None,
+    ) -> None:
+        """Make an arm of a model.
+
+        Args:
+            model: fixed base, joints of one degree of freedom.
+            flange: name of the frame that the instrument is mounted on.
+            name: what it is called.
+            title: what people call it; the name without it.
+            licence: of the model file.
+            home: (nv,) joint angles of the starting pose; the middle without it.
+            flange_offset: placement of the flange in its frame.
+            acceleration: what is known of the limits, see Given; the speed limit over SPEED_TIME
+                is assumed of other joints.
+            jerk: likewise; the acceleration limit over ACCELERATION_TIME is assumed.
+            speed_near_limits: speed limits that depend on the position.
+            by_hand: limits by their name in ArmLimits, each of which takes the place of the arm's
+                own.
+            srs_offsets: see the attribute.
+            urdf: the file that the model was read from.
+        """
+        frame = find_frame(model, flange)
+        self.model, self.flange, self.name = model, flange, name
+        self.title, self.licence, self.urdf = title or name, licence, urdf
+        offset = flange_offset or pin.SE3.Identity()
+        self._joint: int = frame.parentJoint
+        self.jMflange = frame.placement * offset
+        self._put_effector(self.jMflange)
+        self._sizes: tuple[int, int] = (model.nq, model.nv)
+        self._still = _vector("still", np.zeros(model.nv), model.nv)
+        self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
+        self._turning = np.flatnonzero(self._continuous)
+        self._idx_q = np.array([joint.idx_q for joint in model.joints[1:]])
+        own = {
+            "lower": self._per_joint(model.lowerPositionLimit, -np.inf),
+            "upper": self._per_joint(model.upperPositionLimit, np.inf),
+            "velocity": _vector("velocity limits", model.velocityLimit, model.nv),
+            "acceleration": acceleration,
+            "jerk": jerk,
+            "speed_near_limits": speed_near_limits,
+        }
+        self._set_limits(own, by_hand or {}, self._continuous)
+        self.srs_offsets = (
+            None if srs_offsets is None else _vector("srs_offsets", srs_offsets, model.nv)
+        )
+        limited = np.isfinite(self.lower) & np.isfinite(self.upper)
+        middle = np.zeros(model.nv)
+        middle[limited] = (self.lower[limited] + self.upper[limited]) / 2
+        self.middle = _vector("middle", middle, model.nv)
+        self.home = _vector("home", middle if home is None else home, model.nv)
+
+    def __repr__(self) -> str:
+        return f"Arm({self.name!r}, nv={self.nv}, flange={self.flange!r})"
+
+    @property
+    def nq(self) -> int:
+        """Size of Pinocchio's configuration vector; larger than nv with continuous joints."""
+        return int(self.model.nq)
+
+    def with_effector(self, flangeMe: pin.SE3) -> Arm:
+        """The same arm, with the effector at a fixed placement seen from the flange."""
+        arm = copy.copy(self)
+        arm._put_effector(self.jMflange * flangeMe)
+        return arm
+
+    def state(
+        self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None
+    ) -> ArmState:
+        """One kinematics pass at ``q`` (nq,), joints moving with ``v`` and ``a`` (nv,).
+
+        A joint reading that failed, one that is not finite, is no error here: the state carries
+        it, its placement and Jacobian are NaN as well, and a controller answers it with the safe
+        stop. So a loop on a real arm needs no other way out.
+
+        Raises:
+            InvalidCommand: q, v or a has the wrong size.
+        """
+        nq, nv = self._sizes
+        q = _sized(q, nq, "configuration q")
+        v = self._still if v is None else _sized(v, nv, "joint velocity v")
+        a = self._still if a is None else _sized(a, nv, "joint acceleration a")
+        model, data, effector = self._kinematics, self._data, self._effector
+        _jacobians(model, data, q)  # runs forward kinematics too
+        oMe = _placement(model, data, effector)
+        J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
+        x = _kernel.from_xyzquat(_xyzquat(oMe))
+        angles = q if nq == nv else self._frozen_angles(q)
+        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v, a)
+
+    def skeleton(self, q: ArrayLike) -> Array:
+        """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
+        oMe = self.state(q).oMe
+        joints = [self._data.oMi[i].translation for i in range(self.model.njoints)]
+        return np.array([*joints, oMe.translation])
+
+    def angles(self, q: ArrayLike) -> Array:
+        """Joint coordinates (nv,) of a configuration (nq,): angles where joints are continuous."""
+        q = np.asarray(q, dtype=float)
+        angles: Array = q[self._idx_q]
+        if self._turning.size:
+            cosine, sine = q[self._idx_q[self._turning]], q[self._idx_q[self._turning] + 1]
+            angles[self._turning] = np.arctan2(sine, cosine)
+        return angles
+
+    def configuration(self, angles: ArrayLike) -> Array:
+        """Configuration (nq,) of joint coordinates (nv,); inverse of angles()."""
+        angles = _checked(angles, self.nv, "joint angles")
+        q = np.zeros(self.nq)
+        q[self._idx_q] = np.where(self._continuous, np.cos(angles), angles)
+        q[self._idx_q[self._turning] + 1] = np.sin(angles[self._turning])
+        return q
+
+    def integrate(self, q: Array, v: Array, dt: float) -> Array:
+        """Configuration (nq,) reached from ``q`` at velocity ``v`` (nv,) after ``dt`` [s]."""
+        if self._turning.size:
+            return np.asarray(pin.integrate(self.model, q, dt * v))
+        moved = _kernel.moved(q, v, dt)
+        if moved is None or moved.size != self._sizes[0]:
+            raise InvalidCommand(
+                f"q and v have shapes {np.shape(q)} and {np.shape(v)}, they must be "
+                f"({self.nq},) and ({self.nv},)"
+            )
+        return moved
+
+    def check_limits(self, angles: ArrayLike) -> None:
+        """Check joint angles (nv,).
+
+        Raises:
+            JointLimitViolated: the joint that is farthest outside its limits.
+        """
+        self._check_inside(_checked(angles, self.nv, "joint angles"))
+
+    @functools.cached_property
+    def sha256(self) -> str:
+        """Of the URDF; empty where the model came from none."""
+        return "" if self.urdf is None else hashlib.sha256(self.urdf.read_bytes()).hexdigest()
+
+    @functools.cached_property
+    def reach(self) -> float:
+        """Largest distance from the first joint's origin to the flange [m], found by search."""
+        rng = np.random.default_rng(0)
+        flange = self.with_effector(pin.SE3.Identity())
+        shoulder = np.array(self.model.jointPlacements[1].translation)
+        starts = sorted(
+            (self.random_angles(rng) for _ in range(500)),
+            key=lambda angles: -_distance(flange, angles, shoulder),
+        )
+        return max(_climb(flange, angles, shoulder) for angles in starts[:8])
+
+    def _copy(self) -> Arm:
+        arm = object.__new__(Arm)
+        arm.__dict__.update(self.__dict__)
+        return arm
+
+    def _put_effector(self, jMe: pin.SE3) -> None:
+        """Put the effector at a placement seen from the last joint: a frame of its own."""
+        self._kinematics = self.model.copy()
+        effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
+        self._effector = self._kinematics.addFrame(effector)
+        self._data = self._kinematics.createData()
+
+    def _frozen_angles(self, q: Array) -> Array:
+        """Joint coordinates (nv,) of q (nq,), not to be written."""
+        angles = self.angles(q)
+        angles.setflags(write=False)
+        return angles
+
+    def _per_joint(self, limit: Array, unlimited: float) -> Array:
+        values = np.where(self._continuous, unlimited, np.asarray(limit)[self._idx_q])
+        return _vector("position limits", values, len(self._idx_q))
+
+
+def find_frame(model: pin.Model, name: str) -> pin.Frame:
+    """The frame of a model with this name; of several, the body.
+
+    Raises:
+        FrameNotFound: there is none.
+    """
+    found = [frame for frame in model.frames if frame.name == name]
+    if not found:
+        raise FrameNotFound(name, [frame.name for frame in model.frames])
+    return next((frame for frame in found if frame.type == pin.FrameType.BODY), found[0])
+
+
+def kinematic_hessian(J_local: Array) -> Array:
+    """Kinematic Hessian (6, nv, nv) of a serial chain: H[:, i, j] = d J_local[:, i] / d q_j.
+
+    A column of the local Jacobian changes only with the joints beyond its own, by their Lie
+    bracket: d J_i / d q_j = [J_i, J_j] for i < j, else 0.
+
+    Args:
+        J_local: (6, nv) linear then angular, in the effector frame.
+    """
+    v, w = J_local[:3], J_local[3:]
+    cross = np.einsum("abc,bi,cj->aij", _LEVI_CIVITA, w, np.concatenate([v, w], axis=1))
+    w_x_v, w_x_w = np.split(cross, 2, axis=2)
+    beyond = np.triu(np.ones((v.shape[1], v.shape[1])), 1)
+    return np.asarray(beyond * np.concatenate([w_x_v - w_x_v.transpose(0, 2, 1), w_x_w]))
+
+
+def _sized(values: ArrayLike, size: int, what: str) -> Array:
+    """A copy (size,) of the values that cannot be written."""
+    array = _kernel.frozen(values, size)
+    if array is None:
+        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},)")
+    return array
+
+
+def _checked(values: ArrayLike, size: int, what: str) -> Array:
+    """The same, all of them finite."""
+    array = _sized(values, size, what)
+    if not np.isfinite(array).all():
+        raise InvalidCommand(f"{what} is not finite: {array}")
+    return array
+
+
+def _vector(what: str, values: ArrayLike | Sequence[float], size: int) -> Array:
+    array = np.array(values, dtype=float)
+    if array.shape != (size,):
+        raise OptionError(f"{what} has shape {array.shape}, the arm has {size} joints")
+    array.setflags(write=False)
+    return array
+
+
+def _distance(arm: Arm, angles: Array, point: Array) -> float:
+    return float(np.linalg.norm(arm.state(arm.configuration(angles)).oMe.translation - point))
+
+
+def _climb(arm: Arm, angles: Array, point: Array) -> float:
+    """Largest distance [m] of the effector from a point, uphill from ``angles`` in the limits."""
+    best, step = _distance(arm, angles, point), 0.5
+    while step > 1e-6:
+        state = arm.state(arm.configuration(angles))
+        gradient = state.J_world_aligned[:3].T @ (state.oMe.translation - point)
+        moved = angles + step * gradient / max(float(np.linalg.norm(gradient)), 1e-12)
+        moved = np.clip(moved, arm.lower, arm.upper)
+        distance = _distance(arm, moved, point)
+        if distance > best + 1e-9:
+            best, angles = distance, moved
+        else:
+            step /= 2
+    return best

@@ -1,0 +1,85 @@
+"""A trocar that moves as one was seen to move."""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmqp.errors import OptionError
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.instrument import Vector3, vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """A motion through measured positions, from rest to rest.
+
+    A cubic Hermite spline: the velocity is continuous, at an inner sample that of the parabola
+    through it and its two neighbours, at the first and the last one zero. Before the first
+    sample the trocar is there, after the last one it stays there.
+
+    Attributes:
+        times: (n,) [s], from 0 on, each later than the one before; n >= 2.
+        positions: (n, 3) in the world's axes [m], counted from anywhere: it is the way from
+            the first one that counts.
+    """
+
+    times: tuple[float, ...]
+    positions: tuple[Vector3, ...]
+
+    def __post_init__(self) -> None:
+        """Make plain tuples of both and check them."""
+        times, positions = tuple(map(float, self.times)), tuple(self.positions)
+        if len(times) < 2 or len(times) != len(positions):
+            raise OptionError(
+                f"{len(times)} times and {len(positions)} positions; a motion needs two or more, "
+                "and as many of the one as of the other"
+            )
+        steps = np.diff(times)
+        if not (np.isfinite(times).all() and times[0] >= 0.0 and (steps > 0.0).all()):
+            wrong = int(np.argmin(steps > 0.0)) + 1
+            raise OptionError(
+                "times must be finite, from 0 on, and grow: see "
+                f"times[{wrong}] = {times[wrong]} s after {times[wrong - 1]} s; sort the samples "
+                "and drop those that were taken twice"
+            )
+        positions = tuple(vector3(f"positions[{i}]", p) for i, p in enumerate(positions))
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+
+    def position(self, t: float) -> Array:
+        """Offset (3,) at ``t`` [s] from the pivot at 0 [m]."""
+        i, h, u = self._interval(t)
+        p, q = np.array(self.positions[i]), np.array(self.positions[i + 1])
+        m, n = h * self._slope(i), h * self._slope(i + 1)
+        between = u**2 * (3.0 - 2.0 * u) * (q - p) + u * (1.0 - u) * ((1.0 - u) * m - u * n)
+        offset: Array = p - np.array(self.positions[0]) + between
+        return offset
+
+    def velocity(self, t: float) -> Array:
+        """Its derivative (3,) [m/s]."""
+        i, h, u = self._interval(t)
+        secant = (np.array(self.positions[i + 1]) - np.array(self.positions[i])) / h
+        m, n = self._slope(i), self._slope(i + 1)
+        along: Array = 6.0 * u * (1.0 - u) * secant
+        return along + (1.0 - u) * (1.0 - 3.0 * u) * m - u * (2.0 - 3.0 * u) * n
+
+    def _interval(self, t: float) -> tuple[int, float, float]:
+        """The samples i and i + 1 around ``t``, their distance h [s], and where t is, 0 to 1."""
+        t = min(max(t, self.times[0]), self.times[-1])
+        i = min(bisect.bisect_right(self.times, t), len(self.times) - 1) - 1
+        h = self.times[i + 1] - self.times[i]
+        return i, h, (t - self.times[i]) / h
+
+    def _slope(self, i: int) -> Array:
+        """Velocity (3,) at sample i [m/s]."""
+        if i in (0, len(self.times) - 1):
+            return np.zeros(3)
+        before, after = self.times[i] - self.times[i - 1], self.times[i + 1] - self.times[i]
+        here = np.array(self.positions[i])
+        arriving = (here - np.array(self.positions[i - 1])) / before
+        leaving = (np.array(self.positions[i + 1]) - here) / after
+        slope: Array = (after * arriving + before * leaving) / (before + after)
+        return slope
