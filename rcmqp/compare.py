@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import itertools
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,6 +29,7 @@ from rcmqp.metrics import (
     readable,
     until,
 )
+from rcmqp.printable import csv_text
 from rcmqp.run import Run
 from rcmqp.scenario_loading import load_scenario, own_arm
 from rcmqp.simulate import simulate
@@ -326,11 +325,8 @@ def _draw(folder: Path, stem: str, files: Sequence[str]) -> tuple[str, str] | No
 
 def as_csv(rows: Iterable[Row]) -> str:
     """All columns, full precision."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [item.name for item in dataclasses.fields(Row)])
-    writer.writeheader()
-    writer.writerows(dataclasses.asdict(row) for row in rows)
-    return text.getvalue()
+    names = [item.name for item in dataclasses.fields(Row)]
+    return csv_text(names, (dataclasses.asdict(row) for row in rows))
 
 
 def tables(rows: Sequence[Row]) -> list[TitledTable]:

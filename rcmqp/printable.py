@@ -47,7 +47,7 @@ def csv_text(names: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
 
 
 def _seen(x: str) -> str:
-    if x.isascii() and x.isprintable() or unicodedata.category(x) not in _UNSEEN:
+    if (x.isascii() and x.isprintable()) or unicodedata.category(x) not in _UNSEEN:
         return x
     return x.encode("unicode_escape").decode("ascii")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -291,7 +290,9 @@ class Run:
             stops=head.stops,
             given=head.given,
             assumed=tuple(head.assumed),
-            diagnostics={name: stored_channel(file, f"diagnostics/{name}")[rows] for name in names},
+            diagnostics={
+                name: stored_channel(file, f"diagnostics/{name}")[rows] for name in names
+            },
             about_diagnostics=about_diagnostics,
             **arrays,
         )

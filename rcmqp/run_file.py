@@ -65,9 +65,7 @@ class RunFile:
                 for name in self._run.arrays()
                 if name in self._file or name == "path_time"
             }
-            arrays |= {
-                name: self.column(f"diagnostics/{name}") for name in self._run.diagnostics
-            }
+            arrays |= {name: self.column(f"diagnostics/{name}") for name in self._run.diagnostics}
             del arrays["solve_time"]
             self.digest = self.head.digest(arrays, block=PART)
             check_digest(self._file, self.digest)
@@ -99,10 +97,7 @@ class RunFile:
             rows = slice(first, first + size)
             yield self._run.with_rows(
                 {name: self.column(name)[rows] for name in self._run.rows()},
-                {
-                    name: self.column(f"diagnostics/{name}")[rows]
-                    for name in self._run.diagnostics
-                },
+                {name: self.column(f"diagnostics/{name}")[rows] for name in self._run.diagnostics},
                 within(self._run.stops, rows),
             )
 

@@ -27,6 +27,7 @@ from rcmqp.operators import STEERED, Steered
 from rcmqp.paths import PATHS, Foreign, Path, views_of
 from rcmqp.planner import Planner
 from rcmqp.plants import PLANTS, Kinematic, Plant
+from rcmqp.printable import shortened
 from rcmqp.reference import Reference, carried, view_pose
 from rcmqp.scene import Sphere
 
@@ -38,6 +39,9 @@ PLANNER_STARTS = ("reference", "measured")
 
 MOST_CYCLES = 10_000_000
 """Sampling instants that a run may have; each takes about a kilobyte."""
+
+MOST_LETTERS = {"name": 200, "arm": 4096, "flange": 1000}
+"""Of texts in a scenario: an arm may be the path of a URDF."""
 
 BLOCK = 512
 """Sampling instants that are prepared, and put away, at once."""
@@ -115,8 +119,15 @@ class Scenario:
                 f"path = {self.path!r} is of no registered kind; add its class to "
                 "rcmqp.paths.PATHS"
             )
-        if not isinstance(self.name, str) or not isinstance(self.arm, str):
-            raise OptionError(f"name = {self.name!r}, arm = {self.arm!r}, they must be text")
+        for name in ("name", "arm", "flange"):
+            value = getattr(self, name)
+            if not (isinstance(value, str) or (name == "flange" and value is None)):
+                raise OptionError(f"{name} = {value!r:.50}, it must be text")
+            if len(value or "") > MOST_LETTERS[name] or "\0" in (value or ""):
+                raise OptionError(
+                    f"{name} = {value!r:.50}... has {len(value)} letters, it may have "
+                    f"{MOST_LETTERS[name]} and no NUL"
+                )
         if not (isinstance(self.seed, int) and self.seed >= 0):
             raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
         if self.pivot_velocity not in PIVOT_VELOCITIES:
@@ -384,29 +395,38 @@ class Scenario:
             OptionError: the text is no scenario; the message says what is wrong with it.
             UnknownName: its motion or plant is of an unknown kind.
         """
+        part = "its JSON"
         try:
             data = json.loads(text, parse_constant=_refuse)
+            part = "path"
             path = data["path"]
             known = path["kind"] in _KINDS["path"]
             numbers = {name: value for name, value in path.items() if name != "kind"}
             data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
-            for name in _KINDS.keys() & data.keys() - {"path"}:
-                data[name] = _of_kind(name, data[name])
+            for part in _KINDS.keys() & data.keys() - {"path"}:
+                data[part] = _of_kind(part, data[part])
+            part = "instrument"
             instrument = dict(data["instrument"])
             instrument["camera"] = Camera(**instrument["camera"])
             data["instrument"] = Instrument(**instrument)
+            part = "trocar"
             data["trocar"] = Trocar(**data["trocar"])
+            part = "governor"
             if data.get("governor") is not None:
                 data["governor"] = Governor(**data["governor"])
+            part = "obstacles"
             data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
+            part = "limits"
             if data.get("limits") is not None:
                 data["limits"] = ArmLimits.from_data(data["limits"])
+            part = "its fields"
             return cls(**data)
         except RcmqpError:
             raise
-        except (ValueError, TypeError, KeyError) as error:
+        except Exception as error:  # a damaged text can make Python raise almost any
+            said = f"{type(error).__name__}: {error}"
             raise OptionError(
-                f"this is not a scenario: {type(error).__name__}: {error}"
+                f"this is not a scenario: {shortened(said, 300)} (in {part})"
             ) from error
 
 

@@ -42,7 +42,7 @@ def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
         yield
     except RunFileError:
         raise
-    except Exception as error:  # noqa: BLE001  (which ones come is not known)
+    except Exception as error:
         told = str(error) if isinstance(error, RcmqpError | OSError) else _said(error)
         raise RunFileError(
             Path(path), f"damaged, the run must be made again: {part}: {shortened(told, 500)}"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +10,7 @@ from dataclasses import dataclass
 from rcmqp.labels import given_words
 from rcmqp.metrics import ROUNDING, Metrics
 from rcmqp.operators import GROUPS, PARAMETERS, CameraTrial
+from rcmqp.printable import csv_text
 from rcmqp.study.comparisons import (
     comparison_table,
     conditions,
@@ -176,7 +175,7 @@ def outcomes_csv(outcomes: Sequence[Outcome]) -> str:
         times = numbers.pop("reached_s")
         rows.append(numbers | {f"reached_{i + 1}_s": t for i, t in enumerate(times)})
     names = [item.name for item in dataclasses.fields(Outcome) if item.name != "reached_s"]
-    return _csv([*names, *(f"reached_{i + 1}_s" for i in range(count))], rows)
+    return csv_text([*names, *(f"reached_{i + 1}_s" for i in range(count))], rows)
 
 
 def operators_csv(study: Study) -> str:
@@ -191,15 +190,7 @@ def operators_csv(study: Study) -> str:
         path = trial.made().path
         if trial.law == law and trial.arm == arm and isinstance(path, CameraTrial):
             rows.append({"operator": trial.operator, **dataclasses.asdict(path.operator)})
-    return _csv(["operator", "group", *PARAMETERS], rows)
-
-
-def _csv(names: Sequence[str], rows: Sequence[dict[str, object]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names)
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(["operator", "group", *PARAMETERS], rows)
 
 
 def _cell(found: Summary, style: str, people: int) -> str:
