@@ -288,7 +288,7 @@ def numbers(path: Path, rng: Rng) -> None:
         for _ in range(int(rng.integers(1, 4))):
             data = file[_one(file, rng)]
             if data.dtype.kind == "f":
-                found = np.array(data[()])
+                found = np.array(data[()], dtype=float)
                 where = rng.random(found.shape) < float(rng.choice([0.05, 1.0]))
                 found[where] = huge[int(rng.integers(len(huge)))]
                 data[...] = found

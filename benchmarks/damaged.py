@@ -23,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -215,9 +215,8 @@ class Worker:
         self._process.join()
 
 
-def answers(cases: Sequence[int], seed: int = 0) -> list[Answer]:
+def answers(cases: Sequence[int], seed: int = 0) -> Iterator[Answer]:
     """What every command does with these cases."""
-    found = []
     with tempfile.TemporaryDirectory(prefix="damaged-") as name:
         folder = Path(name)
         (folder / "good").mkdir()
@@ -233,12 +232,11 @@ def answers(cases: Sequence[int], seed: int = 0) -> list[Answer]:
                     out = folder / "out"
                     out.mkdir()
                     answer = worker.call(line_of(command, file, out))
-                    found.append(Answer(case, kind, command, *answer))
+                    yield Answer(case, kind, command, *answer)
                     shutil.rmtree(out, ignore_errors=True)
                 file.unlink(missing_ok=True)
         finally:
             worker.stop()
-    return found
 
 
 def main() -> None:
@@ -248,10 +246,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    found = answers(range(given.first, given.first + given.cases), given.seed)
-    for each in found:
+    found = []
+    for each in answers(range(given.first, given.first + given.cases), given.seed):
+        found.append(each)
         if each.fault:
-            print(f"{each.case} {each.damage}, {each.command}: {each.fault}: {each.said[:300]}")
+            said = f"{each.fault}: {each.said[:300]}"
+            print(f"{each.case} {each.damage}, {each.command}: {said}", flush=True)
     print(f"{len(found)} commands on {given.cases} files, faults:", dict(_faults(found)))
     print("exit codes:", dict(Counter(each.code for each in found)))
     slow, large = max(f.seconds for f in found), max(f.memory for f in found)

@@ -29,6 +29,9 @@ PART = 4096
 FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit", "jerk_limit")
 """Channels that are the arm's, without a row for each cycle."""
 
+_ALLOWED = {"time": "rising", "q": "numbers", "pivot": "numbers", "path_time": "numbers"}
+"""What numbers a channel has; the others may be NaN, where a controller was told NaN."""
+
 
 def _channel(unit: str, meaning: str, **options: Any) -> Any:
     return field(metadata={"unit": unit, "meaning": meaning}, **options)
@@ -273,6 +276,8 @@ class Run:
             if item.name in file or item.name == "path_time"
         }
         arrays.setdefault("jerk_limit", np.full_like(arrays["lower"], np.inf))  # an earlier file
+        with reading(path, "the joints' limits"):
+            _check_limits(**{name: arrays[name] for name in FIXED})
         names = list(file["diagnostics"])
         about_diagnostics = {}
         for name in names:
@@ -296,6 +301,14 @@ class Run:
             about_diagnostics=about_diagnostics,
             **arrays,
         )
+
+
+def _check_limits(lower: Array, upper: Array, **most: Array) -> None:
+    if not (lower < upper).all():
+        raise ValueError("a lower position limit is not below the upper one")
+    for name, limit in most.items():
+        if not (limit > 0.0).all():
+            raise ValueError(f"{name} must be positive")
 
 
 def _check_shapes(path: Path, file: h5py.File, head: Head) -> None:
@@ -341,7 +354,10 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
 
 def stored_channel(file: h5py.File, name: str) -> StoredRows:
     """A dataset in a run's file; files of before there was ``path_time`` have ``time`` for it."""
-    return StoredRows(file["time" if name == "path_time" and name not in file else name])
+    allow = _ALLOWED.get(name, "nan")
+    if name in FIXED or name.startswith("diagnostics/"):
+        allow = "anything"
+    return StoredRows(file["time" if name == "path_time" and name not in file else name], allow)
 
 
 def channels() -> list[dataclasses.Field[Any]]:

@@ -8,6 +8,7 @@ import math
 from collections import ChainMap
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, Self
 
 import numpy as np
@@ -42,6 +43,12 @@ MOST_CYCLES = 10_000_000
 
 MOST_LETTERS = {"name": 200, "arm": 4096, "flange": 1000}
 """Of texts in a scenario: an arm may be the path of a URDF."""
+
+MOST_DIGITS = 300
+"""Digits of a whole number: a float can hold it."""
+
+MOST_TIME = 1e300
+"""Seconds that duration and period are below: their ratio is finite."""
 
 BLOCK = 512
 """Sampling instants that are prepared, and put away, at once."""
@@ -110,8 +117,8 @@ class Scenario:
             raise OptionError(f"angles_start = {self.angles_start}, they must be finite")
         for name in ("duration", "period"):
             value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"{name} = {value} s, it must be positive")
+            if not isinstance(value, Real) or not 0.0 < value < MOST_TIME:
+                raise OptionError(f"{name} = {value!s:.50} s, it must be positive and finite")
         if not 0.0 <= self.shaft_tolerance < math.inf:
             raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
         if type(self.path) not in (*_KINDS["path"].values(), Foreign):
@@ -119,14 +126,16 @@ class Scenario:
                 f"path = {self.path!r} is of no registered kind; add its class to "
                 "rcmqp.paths.PATHS"
             )
-        for name in ("name", "arm", "flange"):
+        for name, most in MOST_LETTERS.items():
             value = getattr(self, name)
-            if not (isinstance(value, str) or (name == "flange" and value is None)):
+            if value is None and name == "flange":
+                continue
+            if not isinstance(value, str):
                 raise OptionError(f"{name} = {value!r:.50}, it must be text")
-            if len(value or "") > MOST_LETTERS[name] or "\0" in (value or ""):
+            if len(value) > most or "\0" in value:
                 raise OptionError(
-                    f"{name} = {value!r:.50}... has {len(value)} letters, it may have "
-                    f"{MOST_LETTERS[name]} and no NUL"
+                    f"{name} = {value!r:.50} has {len(value)} letters, it may have {most} and "
+                    "no NUL"
                 )
         if not (isinstance(self.seed, int) and self.seed >= 0):
             raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
@@ -397,7 +406,7 @@ class Scenario:
         """
         part = "its JSON"
         try:
-            data = json.loads(text, parse_constant=_refuse)
+            data = json.loads(text, parse_constant=_refuse, parse_int=_whole, parse_float=_finite)
             part = "path"
             path = data["path"]
             known = path["kind"] in _KINDS["path"]
@@ -459,4 +468,14 @@ def _given(limits: ArmLimits | None) -> dict[str, Any]:
 
 
 def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant} is no number that a scenario could use")
+    raise ValueError(f"{constant:.50} is no number that a scenario could use")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > MOST_DIGITS:
+        raise ValueError(f"{digits[:20]}... has {len(digits)} digits")
+    return int(digits)
+
+
+def _finite(digits: str) -> float:
+    return number if math.isfinite(number := float(digits)) else _refuse(digits)

@@ -25,6 +25,9 @@ MOST_DATASETS = 1000
 MOST_COMPRESSED = 1032
 """How many times smaller deflate makes numbers, at most."""
 
+MOST_NUMBER = 1e30
+"""What lengths, angles, times and speeds are below: squares and float32 can hold it."""
+
 MOST_CHUNK = 1 << 24
 """Bytes of a chunk that is larger than its dataset, as of a run that ended early."""
 
@@ -57,9 +60,15 @@ def _said(error: Exception) -> str:
 class StoredRows:
     """A dataset of a file, read as it is sliced; an error names the file and the dataset."""
 
-    def __init__(self, dataset: h5py.Dataset) -> None:
-        """Of a dataset in an open file."""
-        self._dataset = dataset
+    def __init__(self, dataset: h5py.Dataset, allow: str = "anything") -> None:
+        """Of a dataset in an open file.
+
+        Args:
+            dataset: where the numbers are.
+            allow: ``anything``; ``nan`` beside numbers below MOST_NUMBER; ``numbers`` alone; or
+                ``rising`` numbers, as of a clock.
+        """
+        self._dataset, self._allow = dataset, allow
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -75,7 +84,23 @@ class StoredRows:
     def __getitem__(self, rows: Any, /) -> Any:
         """As the dataset gives them."""
         with reading(self._dataset.file.filename, self._dataset.name.lstrip("/")):
-            return self._dataset[rows]
+            found = self._dataset[rows]
+            if self._allow != "anything":
+                self._check(found)
+            return found
+
+    def _check(self, found: Any) -> None:
+        """Check that numbers are such as arms have."""
+        import numpy as np
+
+        good = np.abs(found) < MOST_NUMBER
+        if self._allow == "nan":
+            good |= np.isnan(found)
+        if not good.all():
+            wrong = float(found[~good].flat[0])
+            raise ValueError(f"{wrong:g} is no number that is possible there")
+        if self._allow == "rising" and not (np.diff(found) > 0.0).all():
+            raise ValueError("the clock goes back")
 
 
 def datasets(
@@ -214,6 +239,8 @@ def text(path: Path, name: str, value: Any) -> str:
     if not isinstance(value, str) or len(value) > MOST_TEXT:
         kind = type(value).__name__
         raise RunFileError(path, f"damaged: {name} is {kind}, it must be a text, not too long")
+    if not value.isascii() and any("\ud800" <= x <= "\udfff" for x in value):
+        raise RunFileError(path, f"damaged: {name} is no text in UTF-8")
     return value
 
 

@@ -152,7 +152,7 @@ def _outcome(data: dict[str, Any]) -> Outcome:
     for item in dataclasses.fields(Outcome):
         value = _number(data.pop(item.name)) if item.type == "float" else data.pop(item.name)
         kind = {"int": int, "str": str, "bool": bool}.get(str(item.type), object)
-        if not isinstance(value, kind) or (kind is str and len(value) > MOST_TEXT):
+        if not isinstance(value, kind) or (isinstance(value, str) and len(value) > MOST_TEXT):
             raise ValueError(f"{item.name} = {value!r:.50}, it must be of type {item.type}")
         made[item.name] = value
     if data:
