@@ -8,7 +8,6 @@ import math
 from collections import ChainMap
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
-from numbers import Real
 from typing import Any, Self
 
 import numpy as np
@@ -117,7 +116,7 @@ class Scenario:
             raise OptionError(f"angles_start = {self.angles_start}, they must be finite")
         for name in ("duration", "period"):
             value = getattr(self, name)
-            if not isinstance(value, Real) or not 0.0 < value < MOST_TIME:
+            if not isinstance(value, int | float | np.number) or not 0.0 < value < MOST_TIME:
                 raise OptionError(f"{name} = {value!s:.50} s, it must be positive and finite")
         if not 0.0 <= self.shaft_tolerance < math.inf:
             raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
@@ -409,6 +408,8 @@ class Scenario:
             data = json.loads(text, parse_constant=_refuse, parse_int=_whole, parse_float=_finite)
             part = "path"
             path = data["path"]
+            if not isinstance(path["kind"], str):
+                raise TypeError(f"kind = {path['kind']!r:.50}, it must be text")
             known = path["kind"] in _KINDS["path"]
             numbers = {name: value for name, value in path.items() if name != "kind"}
             data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)

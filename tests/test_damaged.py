@@ -14,15 +14,15 @@ import damaged
 from damage import OF_HDF5, OF_JSON
 
 KINDS = {kind.__name__ for kind in (*OF_HDF5, *OF_JSON)}
-SAMPLE = [9 * k + 7 * k % 9 for k in range(60)]
-"""Cases that take turns with the nine good files and the kinds of damage."""
+SAMPLE = [case for case in range(80) if case % 5 in (0, 2, 3)]
+"""Of ten rounds over the eight good files, each round with the next kind of damage."""
 
 
 def test_no_damaged_file_ends_in_a_traceback_a_hang_or_a_look_elsewhere() -> None:
     found = list(damaged.answers(SAMPLE))
     assert [each for each in found if each.fault] == []
     assert {each.damage.partition(" ")[0] for each in found} == KINDS
-    assert len({each.damage.partition(" of ")[2] for each in found}) == 9
+    assert len({each.damage.partition(" of ")[2] for each in found}) == 8
     refused = [each for each in found if each.code == 1]
     assert len(refused) > 100
     assert all(each.said.strip() for each in refused)

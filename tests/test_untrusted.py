@@ -205,6 +205,7 @@ def test_a_value_that_cannot_be_is_named(name: str, text: str, saved: Path) -> N
         {"obstacles": 3},
         {"instrument": [1]},
         {"path": {"kind": ["circle"]}},
+        {"path": {"kind": None}},
         {"period": 1e301},
         {"limits": [1]},
     ],
