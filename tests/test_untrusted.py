@@ -119,10 +119,28 @@ def test_rows_are_the_scenarios_cycles_before_any_is_read(rows: int, saved: Path
 def test_every_dataset_together_is_no_larger_than_the_file(saved: Path) -> None:
     """A small file whose datasets are one and the same, many times."""
     with h5py.File(saved, "r+") as file:
-        file["diagnostics/a"] = np.zeros(100_000)
+        file["a"] = np.zeros(100_000)
         for i in range(100):
-            file[f"diagnostics/a{i}"] = file["diagnostics/a"]
+            file[f"a{i}"] = file["a"]
     refused(saved, "the whole file has")
+
+
+@pytest.mark.parametrize("rows", [10**12, 22])
+def test_a_diagnostic_that_is_missing_in_part_has_the_scenarios_cycles(
+    rows: int, saved: Path
+) -> None:
+    """Of a diagnostic that is not there every time, the file may keep nothing."""
+    for count, number in ((21, np.nan), (rows, None)):
+        with h5py.File(saved, "r+") as file:
+            file.pop("diagnostics/a", None)
+            made = file.create_dataset(
+                "diagnostics/a", (count,), "f8", chunks=(21,), fillvalue=np.nan
+            )
+            made.attrs.update(unit="", meaning="")
+            file.attrs["digest"] = "" if number is None else Run.read(file, slice(None)).digest
+        if number is not None:
+            assert np.isnan(Run.load(saved).diagnostics["a"]).all()
+    refused(saved, "diagnostics/a has shape")
 
 
 def test_a_run_has_no_more_cycles_than_its_scenario(saved: Path) -> None:
