@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import os
 import sys
+import traceback
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from rich.markup import escape
@@ -13,6 +16,7 @@ import rcmqp
 from rcmqp.cli import compare, hands, lists, loopback, report, reproduce, run, study, viewer
 from rcmqp.cli.console import err, out
 from rcmqp.errors import RcmqpError
+from rcmqp.runs.printable import shortened
 
 app = typer.Typer(
     name="rcmqp",
@@ -26,23 +30,52 @@ app = typer.Typer(
     "Exit codes: 0 done; 1 refused or failed, with the reason on stderr; 2 wrong usage; "
     "130 interrupted, 143 if by SIGTERM.",
 )
+DEBUG = "RCMQP_DEBUG"
+"""Environment variable that shows the traceback of an error."""
+
 INTERRUPTED = (130, 143)
 """The exit codes after Ctrl-C and SIGTERM, by a shell's custom."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; an RcmqpError ends it with its message and exit code 1."""
+    """Run the command line; any error ends it with a sentence and exit code 1."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
         app(given)
     except RcmqpError as error:
-        err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
-        sys.exit(1)
+        _say_and_end(error, str(error))
     except SystemExit as end:
         if end.code in INTERRUPTED:
             more = "; the same command goes on from here" if "study" in given[:1] else ""
             err.print(f"interrupted{more}", highlight=False)
         raise
+    except Exception as error:  # noqa: BLE001  (the last resort: no user sees a traceback)
+        name = type(error).__name__
+        _say_and_end(
+            error,
+            f"rcmqp failed where it did not expect to: {name}: {error}; please report the command "
+            f"and this line {_where_to_report()}; with {DEBUG}=1 set, it shows the traceback",
+        )
+
+
+def _say_and_end(error: Exception, said: str) -> NoReturn:
+    """Print what happened, the traceback where it is asked for, and end with exit code 1."""
+    if os.environ.get(DEBUG, "0") not in ("", "0"):
+        err.print("".join(traceback.format_exception(error)), markup=False, highlight=False)
+    err.print(f"[bold red]error:[/] {escape(shortened(said))}", soft_wrap=True, highlight=False)
+    sys.exit(1)
+
+
+def _where_to_report() -> str:
+    """The address of the project's issues, as its package says it."""
+    try:
+        urls = importlib.metadata.metadata("rcmqp").get_all("Project-URL") or []
+    except importlib.metadata.PackageNotFoundError:
+        urls = []
+    found = [
+        address for name, _, address in (url.partition(",") for url in urls) if name == "Issues"
+    ]
+    return f"at {found[0].strip()}" if found else "to whom you have rcmqp from"
 
 
 def run_file(file: str) -> None:

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from rcmqp.runs.metrics import (
     compute_metrics,
     readable,
 )
+from rcmqp.runs.printable import one_line, printable
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
 from rcmqp.show.labels import given_cells, given_words
@@ -41,8 +42,18 @@ RCM_WARNING_MM = 1.0
 OBSTACLE_WARNING_MM = 0.01
 """How far inside an obstacle is remarked on: above what a step's curvature takes."""
 
-out = Console(width=WIDTH, emoji=False)
-err = Console(stderr=True, emoji=False)
+
+class PlainConsole(Console):
+    """A console that runs no terminal escapes out of names and messages."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does; control characters in texts are written as escapes."""
+        shown = [printable(each) if isinstance(each, str) else each for each in objects]
+        super().print(*shown, **options)
+
+
+out = PlainConsole(width=WIDTH, emoji=False)
+err = PlainConsole(stderr=True, emoji=False)
 
 REVERSALS_WARNING = 2
 """Cycles in a row in which a joint may turn round before it is remarked on."""
@@ -67,7 +78,7 @@ def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 
         def advance(title: str, done: int, total: int) -> None:
             if title not in tasks:
-                tasks[title] = progress.add_task(escape(title), total=total)
+                tasks[title] = progress.add_task(escape(one_line(title)), total=total)
             progress.advance(tasks[title], done)
 
         yield advance
@@ -80,17 +91,17 @@ def print_json(data: Any) -> None:
 
 def print_written(path: Path, more: str = "") -> None:
     """Say that a file or folder is written; brackets and colons in its name are its own."""
-    out.print(f"wrote {path}{more}", markup=False, highlight=False, soft_wrap=True)
+    out.print(one_line(f"wrote {path}{more}"), markup=False, highlight=False, soft_wrap=True)
 
 
 def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """A table of texts; the first column, of names, is never cut."""
-    first, *others = map(escape, heads)
+    first, *others = (escape(printable(head)) for head in heads)
     table = Table(
         Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False, collapse_padding=True
     )
     for row in rows:
-        table.add_row(*map(escape, row))
+        table.add_row(*(escape(printable(cell)) for cell in row))
     out.print(table)
 
 
@@ -117,9 +128,9 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
     if as_json:
         print_json(run_json(result, metrics))
     else:
-        out.print(result.title, markup=False, highlight=False, soft_wrap=True)
+        out.print(one_line(result.title), markup=False, highlight=False, soft_wrap=True)
         words = ", ".join(given_words(given_cells(result.head)).values())
-        out.print(words, markup=False, highlight=False, soft_wrap=True)
+        out.print(one_line(words), markup=False, highlight=False, soft_wrap=True)
         rows = []
         for name, label, unit in _ERRORS:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
@@ -132,9 +143,11 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
         ):
             out.print(line, highlight=False, markup=False)
         if file is not None:
-            out.print(f"run: {file}", highlight=False, markup=False, soft_wrap=True)
+            out.print(one_line(f"run: {file}"), highlight=False, markup=False, soft_wrap=True)
     for remark in warnings(result, metrics):
-        err.print(f"[yellow]warning:[/] {escape(remark)}", highlight=False, soft_wrap=True)
+        err.print(
+            f"[yellow]warning:[/] {escape(one_line(remark))}", highlight=False, soft_wrap=True
+        )
 
 
 def warnings(run: Recording, metrics: Metrics) -> list[str]:
@@ -252,7 +265,7 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
         "scenario": head.scenario.name,
         "arm": head.scenario.arm,
         "controller": head.controller,
-        "options": dict(head.options),
+        "options": _plain(head.options),
         "period": head.scenario.period,
         "duration": head.scenario.duration,
         "seed": head.scenario.seed,
@@ -264,6 +277,15 @@ def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
         "metrics": {name: _finite(x) for name, x in dataclasses.asdict(metrics).items()},
         "warnings": warnings(result, metrics),
     }
+
+
+def _plain(value: Any) -> Any:
+    """A value out of JSON; numbers in it that are not finite are null."""
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return _finite(value) if isinstance(value, float) else value
 
 
 def arm_json(arm: Arm) -> dict[str, Any]:

@@ -56,10 +56,23 @@ class Given:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """The inverse of to_json()."""
+        """The inverse of to_json().
+
+        Raises:
+            ValueError: a value is none that to_json() writes.
+        """
         data = json.loads(text)
         limits = data.pop("limits")
-        return cls(**data, limits=None if limits is None else tuple(limits))
+        found = cls(**data, limits=None if limits is None else tuple(limits))
+        if not (found.feed_forward is None or isinstance(found.feed_forward, bool)):
+            raise ValueError(f"feed_forward = {found.feed_forward!r:.50} must be true or false")
+        if unknown := set(found.limits or ()) - set(JOINT_LIMITS):
+            raise ValueError(f"limits: {sorted(unknown)[0]!r:.50} is none of {JOINT_LIMITS}")
+        if not isinstance(found.way, str) or len(found.way) > 1000:
+            raise ValueError("way must be a text of 1000 letters at most")
+        if type(found.gain) not in (int, float, type(None)):
+            raise ValueError(f"gain = {found.gain!r:.50} must be a number")
+        return found
 
 
 UNKNOWN = Given()

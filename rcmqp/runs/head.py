@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from rcmqp.controllers.given import UNKNOWN, Given
-from rcmqp.errors import RcmqpError, RunFileError
+from rcmqp.errors import RunFileError
 from rcmqp.files import check_writable
 from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.untrusted import datasets, json_of, reading, text, text_of, whole_number
 
 if TYPE_CHECKING:
     import h5py
@@ -25,6 +26,12 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 FORMAT = "rcmqp run"
 FORMAT_VERSION = 2
 CHECKED = {"fletcher32": True}  # each dataset carries checksums, verified on reading
+
+MOST_NAME = 500
+"""Letters of a name in a file."""
+
+MOST_REASON = 10_000
+"""Letters of the reason of a safe stop."""
 
 
 class Rows(Protocol):
@@ -82,6 +89,76 @@ class Head:
             sha.update(self.given.to_json().encode())
         return sha.hexdigest()
 
+    @classmethod
+    def read(cls, file: h5py.File) -> Head:
+        """Take it out of a file, every part checked.
+
+        Raises:
+            RunFileError: a part is missing or is not what it has to be.
+        """
+        path = Path(file.filename)
+
+        def said(name: str, kind: type, default: str = "") -> Any:
+            if default and name not in file.attrs:
+                return json.loads(default)
+            return json_of(path, name, text_of(path, file, name), kind)
+
+        with reading(path, "scenario"):
+            scenario = Scenario.from_json(text_of(path, file, "scenario"))
+        with reading(path, "given"):
+            known = "given" in file.attrs
+            given = Given.from_json(text_of(path, file, "given")) if known else UNKNOWN
+        stops = {}
+        if "stops" in file:
+            with reading(path, "stops"):
+                stops = json_of(path, "stops", text(path, "stops", file["stops"][()]), dict)
+        head = cls(
+            scenario=scenario,
+            controller=text_of(path, file, "controller"),
+            options=said("options", dict),
+            versions=said("versions", dict),
+            joints=tuple(said("joints", list)),
+            urdf_sha256=text_of(path, file, "urdf_sha256"),
+            stops=stops,
+            assumed=tuple(said("assumed", list, "[]")),
+            given=given,
+        )
+        with reading(path, "its names"):
+            head._check(path)
+        return head
+
+    def _check(self, path: Path) -> None:
+        """Check that names are names and that cycles are the scenario's."""
+        parts = {
+            "controller": [self.controller],
+            "versions": [*self.versions, *self.versions.values()],
+            "joints": self.joints,
+            "assumed": self.assumed,
+            "options": self.options,
+            "stops": self.stops,
+        }
+        for part, names in parts.items():
+            most = MOST_REASON if part == "stops" else MOST_NAME
+            if any(not isinstance(name, str) or len(name) > most for name in names):
+                raise RunFileError(path, f"damaged: {part}: names must be texts of {most} letters")
+        if len(self.joints) != len(self.scenario.angles_start):
+            raise RunFileError(
+                path,
+                f"damaged: joints: {len(self.joints)}, the scenario starts at "
+                f"{len(self.scenario.angles_start)} angles",
+            )
+        if wrong := set(self.assumed) - {"acceleration", "jerk"}:
+            raise RunFileError(path, f"damaged: assumed: {sorted(wrong)[0]!r}")
+        gain = self.options.get("gain", 0.0)
+        if isinstance(gain, bool) or not isinstance(gain, int | float) or not abs(gain) < 1e300:
+            raise RunFileError(path, f"damaged: options: gain = {gain!r:.50} must be a number")
+        last = self.scenario.cycles
+        for reason, cycles in self.stops.items():
+            if not isinstance(cycles, list) or not cycles:
+                raise RunFileError(path, f"damaged: stops: no cycles of {reason[:50]!r}")
+            if any(type(k) is not int or not 0 <= k < last for k in cycles):
+                raise RunFileError(path, f"damaged: stops: cycles of {reason[:50]!r}")
+
     def write(self, file: h5py.File, digest: str) -> None:
         """Put it into a file."""
         file.create_dataset("stops", data=json.dumps(self.stops))
@@ -126,37 +203,27 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     if not path.is_file():
         reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
         raise RunFileError(path, reason)
-    try:
+    with reading(path, "opening it"):
         with path.open("rb") as stream:
             if stream.read(len(SIGNATURE)) != SIGNATURE:
                 raise RunFileError(path, "not an HDF5 file; rcmqp run --out writes one")
         with h5py.File(path, "r", rdcc_nbytes=0) as file:  # a chunk is read when it is asked for
-            if file.attrs.get("format") == "rcmqp trial":
+            kind = text_of(path, file, "format") if "format" in file.attrs else ""
+            if kind == "rcmqp trial":
                 raise RunFileError(
                     path,
                     "a study's trial, which holds numbers and no run; simulate it again: "
                     f"rcmqp study {path} --out again",
                 )
-            if file.attrs.get("format") != FORMAT:
+            if kind != FORMAT:
                 raise RunFileError(path, "an HDF5 file, but not a run of rcmqp")
-            version = int(file.attrs["format_version"])
+            version = whole_number(path, file, "format_version")
             if version != FORMAT_VERSION:
                 raise RunFileError(
                     path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
                 )
+            datasets(path, file, ("diagnostics",), ("stops",))
             yield file
-    except RunFileError:
-        raise
-    except (
-        RcmqpError,
-        OSError,
-        AttributeError,
-        KeyError,
-        ValueError,
-        TypeError,
-        RuntimeError,
-    ) as error:
-        raise RunFileError(path, f"damaged, the run must be made again: {error}") from error
 
 
 def check_replaceable(path: str | os.PathLike[str]) -> None:
@@ -181,5 +248,6 @@ def check_digest(file: h5py.File, digest: str) -> None:
     Raises:
         RunFileError: the file says another digest.
     """
-    if digest != file.attrs["digest"]:
-        raise RunFileError(Path(file.filename), "damaged: its numbers do not fit its digest")
+    path = Path(file.filename)
+    if digest != text_of(path, file, "digest"):
+        raise RunFileError(path, "damaged: its numbers do not fit its digest")

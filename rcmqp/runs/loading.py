@@ -17,6 +17,7 @@ from rcmqp.files import why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
+from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.loading import arm_names
 
@@ -135,11 +136,19 @@ def _default_arm(module: ModuleType) -> str:
 
 def _read(file: Path) -> Scenario:
     try:
+        if not file.is_file():
+            raise OptionError(
+                "it is a folder or no regular file" if file.exists() else "no such file"
+            )
+        if (size := file.stat().st_size) > MOST_TEXT:
+            raise OptionError(f"it has {size} bytes, a scenario {MOST_TEXT} at most")
         scenario = Scenario.from_json(file.read_text(encoding="utf-8"))
         if isinstance(scenario.path, Foreign):
             raise UnknownName("path", scenario.path.kind, (*PATHS, *STEERED))
         return scenario
     except OSError as error:
         raise OptionError(f"cannot read the scenario {file}: {why(error)}") from error
-    except (UnicodeDecodeError, OptionError) as error:
+    except UnknownName:
+        raise
+    except (UnicodeDecodeError, RcmqpError) as error:
         raise OptionError(f"cannot read the scenario {file}: {error}") from error

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rcmqp.controllers.given import UNKNOWN, Given
-from rcmqp.errors import ArmError, OptionError
+from rcmqp.errors import ArmError, OptionError, RunFileError
 from rcmqp.files import whole
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.head import CHECKED, Head, Rows, about, check_digest, check_replaceable, opened
 from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.untrusted import StoredRows, reading, text
 from rcmqp.world.insertion import Insertion
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ PART = 4096
 
 FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit", "jerk_limit")
 """Channels that are the arm's, without a row for each cycle."""
+
+_ALLOWED = {"time": "rising", "q": "numbers", "pivot": "numbers", "path_time": "numbers"}
+"""What numbers a channel has; the others may be NaN, where a controller was told NaN."""
 
 
 def _channel(unit: str, meaning: str, **options: Any) -> Any:
@@ -263,29 +267,80 @@ class Run:
     @classmethod
     def read(cls, file: h5py.File, rows: slice) -> Run:
         """The part of a run in an open file that these rows are; its stops are all of them."""
+        path, head = Path(file.filename), Head.read(file)
+        with reading(path, "its shapes"):
+            _check_shapes(path, file, head)
         arrays = {
             item.name: stored_channel(file, item.name)[() if item.name in FIXED else rows]
             for item in channels()
             if item.name in file or item.name == "path_time"
         }
         arrays.setdefault("jerk_limit", np.full_like(arrays["lower"], np.inf))  # an earlier file
+        with reading(path, "the joints' limits"):
+            _check_limits(**{name: arrays[name] for name in FIXED})
+        names = list(file["diagnostics"])
+        about_diagnostics = {}
+        for name in names:
+            with reading(path, f"diagnostics/{name}"):
+                said = file["diagnostics"][name].attrs
+                unit, meaning = (text(path, name, said[key]) for key in ("unit", "meaning"))
+                about_diagnostics[name] = (unit, meaning)
         return cls(
-            scenario=Scenario.from_json(file.attrs["scenario"]),
-            controller=file.attrs["controller"],
-            options=json.loads(file.attrs["options"]),
-            versions=json.loads(file.attrs["versions"]),
-            joints=tuple(json.loads(file.attrs["joints"])),
-            urdf_sha256=file.attrs["urdf_sha256"],
-            stops=json.loads(file["stops"][()]) if "stops" in file else {},
-            given=Given.from_json(file.attrs.get("given", UNKNOWN.to_json())),
-            assumed=tuple(json.loads(file.attrs.get("assumed", "[]"))),
-            diagnostics={name: data[rows] for name, data in file["diagnostics"].items()},
-            about_diagnostics={
-                name: (data.attrs["unit"], data.attrs["meaning"])
-                for name, data in file["diagnostics"].items()
+            scenario=head.scenario,
+            controller=head.controller,
+            options=head.options,
+            versions=head.versions,
+            joints=tuple(head.joints),
+            urdf_sha256=head.urdf_sha256,
+            stops=head.stops,
+            given=head.given,
+            assumed=tuple(head.assumed),
+            diagnostics={
+                name: stored_channel(file, f"diagnostics/{name}")[rows] for name in names
             },
+            about_diagnostics=about_diagnostics,
             **arrays,
         )
+
+
+def _check_limits(lower: Array, upper: Array, **most: Array) -> None:
+    if not (lower < upper).all():
+        raise ValueError("a lower position limit is not below the upper one")
+    for name, limit in most.items():
+        if not (limit > 0.0).all():
+            raise ValueError(f"{name} must be positive")
+
+
+def _check_shapes(path: Path, file: h5py.File, head: Head) -> None:
+    """Check that every dataset has the shape that its channel says, before any is read.
+
+    Raises:
+        RunFileError: one has not, or has more rows than the scenario has cycles.
+    """
+    missing = [item.name for item in channels() if item.name not in file]
+    if missing := [name for name in missing if name not in ("path_time", "jerk_limit")]:
+        raise RunFileError(path, f"damaged: {missing[0]} is missing")
+    if "diagnostics" not in file:
+        raise RunFileError(path, "damaged: the group diagnostics is missing")
+    nv, n = len(head.joints), (*file["time"].shape, 0)[0]
+    if not 1 <= n <= head.scenario.cycles:
+        raise RunFileError(
+            path, f"damaged: time has {n} rows, the scenario {head.scenario.cycles} cycles"
+        )
+    nq = (*file["q"].shape, 0, 0)[1]
+    if not nv <= nq <= 2 * nv:
+        raise RunFileError(path, f"damaged: q has {nq} columns for {nv} joints")
+    sizes = {"n": n, "nv": nv, "nq": nq, "3": 3, "8": 8}
+    shapes = {f"diagnostics/{name}": (n,) for name in file["diagnostics"]}
+    for item in channels():
+        if item.name in file:
+            said = item.metadata["meaning"].partition(")")[0].strip("(").split(",")
+            shapes[item.name] = tuple(sizes[size.strip()] for size in said if size)
+    for name, shape in shapes.items():
+        if file[name].shape != shape:
+            raise RunFileError(
+                path, f"damaged: {name} has shape {file[name].shape}, it must be {shape}"
+            )
 
 
 def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[int]]:
@@ -297,9 +352,12 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
     return {reason: cycles for reason, cycles in found.items() if cycles}
 
 
-def stored_channel(file: h5py.File, name: str) -> Any:
-    """A channel in a run's file; files of before there was ``path_time`` have ``time`` for it."""
-    return file["time" if name == "path_time" and name not in file else name]
+def stored_channel(file: h5py.File, name: str) -> StoredRows:
+    """A dataset in a run's file; files of before there was ``path_time`` have ``time`` for it."""
+    allow = _ALLOWED.get(name, "nan")
+    if name in FIXED or name.startswith("diagnostics/"):
+        allow = "anything"
+    return StoredRows(file["time" if name == "path_time" and name not in file else name], allow)
 
 
 def channels() -> list[dataclasses.Field[Any]]:

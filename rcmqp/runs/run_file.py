@@ -65,7 +65,7 @@ class RunFile:
                 for name in self._run.arrays()
                 if name in self._file or name == "path_time"
             }
-            arrays |= dict(self._file["diagnostics"])
+            arrays |= {name: self.column(f"diagnostics/{name}") for name in self._run.diagnostics}
             del arrays["solve_time"]
             self.digest = self.head.digest(arrays, block=PART)
             check_digest(self._file, self.digest)
@@ -93,15 +93,14 @@ class RunFile:
 
     def parts(self, size: int = PART) -> Iterator[Run]:
         """The run, ``size`` rows at a time; the last part may be shorter."""
-        file, numbers = self._file, self._file["diagnostics"]
-        for first in range(0, len(file["time"]), size):
+        for first in range(0, self.column("time").shape[0], size):
             rows = slice(first, first + size)
             yield self._run.with_rows(
                 {name: self.column(name)[rows] for name in self._run.rows()},
-                {name: numbers[name][rows] for name in self._run.diagnostics},
+                {name: self.column(f"diagnostics/{name}")[rows] for name in self._run.diagnostics},
                 within(self._run.stops, rows),
             )
 
     def column(self, name: str) -> Rows:
         """See Recording."""
-        return stored_channel(self._file, name)  # type: ignore[no-any-return]
+        return stored_channel(self._file, name)

@@ -22,6 +22,7 @@ from rcmqp.references.operators import STEERED, Steered
 from rcmqp.references.paths import PATHS, Foreign, Path, views_of
 from rcmqp.references.planner import Planner
 from rcmqp.references.view import Reference, carried, view_pose
+from rcmqp.runs.printable import shortened
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
@@ -38,6 +39,15 @@ PLANNER_STARTS = ("reference", "measured")
 
 MOST_CYCLES = 10_000_000
 """Sampling instants that a run may have; each takes about a kilobyte."""
+
+MOST_LETTERS = {"name": 200, "arm": 4096, "flange": 1000}
+"""Of texts in a scenario: an arm may be the path of a URDF."""
+
+MOST_DIGITS = 300
+"""Digits of a whole number: a float can hold it."""
+
+MOST_TIME = 1e300
+"""Seconds that duration and period are below: their ratio is finite."""
 
 BLOCK = 512
 """Sampling instants that are prepared, and put away, at once."""
@@ -106,8 +116,8 @@ class Scenario:
             raise OptionError(f"angles_start = {self.angles_start}, they must be finite")
         for name in ("duration", "period"):
             value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"{name} = {value} s, it must be positive")
+            if not isinstance(value, int | float | np.number) or not 0.0 < value < MOST_TIME:
+                raise OptionError(f"{name} = {value!s:.50} s, it must be positive and finite")
         if not 0.0 <= self.shaft_tolerance < math.inf:
             raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
         if type(self.path) not in (*_KINDS["path"].values(), Foreign):
@@ -115,8 +125,17 @@ class Scenario:
                 f"path = {self.path!r} is of no registered kind; add its class to "
                 "rcmqp.references.paths.PATHS"
             )
-        if not isinstance(self.name, str) or not isinstance(self.arm, str):
-            raise OptionError(f"name = {self.name!r}, arm = {self.arm!r}, they must be text")
+        for name, most in MOST_LETTERS.items():
+            value = getattr(self, name)
+            if value is None and name == "flange":
+                continue
+            if not isinstance(value, str):
+                raise OptionError(f"{name} = {value!r:.50}, it must be text")
+            if len(value) > most or "\0" in value:
+                raise OptionError(
+                    f"{name} = {value!r:.50} has {len(value)} letters, it may have {most} and "
+                    "no NUL"
+                )
         if not (isinstance(self.seed, int) and self.seed >= 0):
             raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
         if self.pivot_velocity not in PIVOT_VELOCITIES:
@@ -384,29 +403,40 @@ class Scenario:
             OptionError: the text is no scenario; the message says what is wrong with it.
             UnknownName: its motion or plant is of an unknown kind.
         """
+        part = "its JSON"
         try:
-            data = json.loads(text, parse_constant=_refuse)
+            data = json.loads(text, parse_constant=_refuse, parse_int=_whole, parse_float=_finite)
+            part = "path"
             path = data["path"]
+            if not isinstance(path["kind"], str):
+                raise TypeError(f"kind = {path['kind']!r:.50}, it must be text")
             known = path["kind"] in _KINDS["path"]
             numbers = {name: value for name, value in path.items() if name != "kind"}
             data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
-            for name in _KINDS.keys() & data.keys() - {"path"}:
-                data[name] = _of_kind(name, data[name])
+            for part in _KINDS.keys() & data.keys() - {"path"}:
+                data[part] = _of_kind(part, data[part])
+            part = "instrument"
             instrument = dict(data["instrument"])
             instrument["camera"] = Camera(**instrument["camera"])
             data["instrument"] = Instrument(**instrument)
+            part = "trocar"
             data["trocar"] = Trocar(**data["trocar"])
+            part = "governor"
             if data.get("governor") is not None:
                 data["governor"] = Governor(**data["governor"])
+            part = "obstacles"
             data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
+            part = "limits"
             if data.get("limits") is not None:
                 data["limits"] = ArmLimits.from_data(data["limits"])
+            part = "its fields"
             return cls(**data)
         except RcmqpError:
             raise
-        except (ValueError, TypeError, KeyError) as error:
+        except Exception as error:  # a damaged text can make Python raise almost any
+            said = f"{type(error).__name__}: {error}"
             raise OptionError(
-                f"this is not a scenario: {type(error).__name__}: {error}"
+                f"this is not a scenario: {shortened(said, 300)} (in {part})"
             ) from error
 
 
@@ -439,4 +469,14 @@ def _given(limits: ArmLimits | None) -> dict[str, Any]:
 
 
 def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant} is no number that a scenario could use")
+    raise ValueError(f"{constant:.50} is no number that a scenario could use")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > MOST_DIGITS:
+        raise ValueError(f"{digits[:20]}... has {len(digits)} digits")
+    return int(digits)
+
+
+def _finite(digits: str) -> float:
+    return number if math.isfinite(number := float(digits)) else _refuse(digits)

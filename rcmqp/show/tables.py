@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +17,7 @@ from rcmqp.runs.metrics import (
     readable,
     until,
 )
+from rcmqp.runs.printable import csv_text
 from rcmqp.runs.run import Run
 from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
 from rcmqp.show.labels import GIVEN, TOLD, given_cells, given_words
@@ -163,11 +162,8 @@ def row_of(run: Run) -> Row:
 
 def as_csv(rows: Iterable[Row]) -> str:
     """All columns, full precision."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [item.name for item in dataclasses.fields(Row)])
-    writer.writeheader()
-    writer.writerows(dataclasses.asdict(row) for row in rows)
-    return text.getvalue()
+    names = [item.name for item in dataclasses.fields(Row)]
+    return csv_text(names, (dataclasses.asdict(row) for row in rows))
 
 
 def tables(rows: Sequence[Row]) -> list[TitledTable]:

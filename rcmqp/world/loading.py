@@ -21,6 +21,9 @@ from rcmqp.world.arm import Arm, find_frame
 from rcmqp.world.arm_limits import Given, GivenPosition, SpeedNearLimits
 from rcmqp.world.urdf import limits_of, mimics_of, model_of
 
+MOST_URDF = 64_000_000
+"""Bytes of a URDF."""
+
 _EXAMPLE_ROBOT_DATA = "example-robot-data"
 
 
@@ -170,8 +173,14 @@ def _load_urdf(
 
 
 def _model(path: Path) -> pin.Model:
-    if not path.is_file():
+    try:
+        there, size = path.is_file(), path.stat().st_size if path.is_file() else 0
+    except (OSError, ValueError):  # too long a name, or NUL in it
+        there, size = False, 0
+    if not there:
         raise ArmError(f"{path}: no such file; give the path of a URDF, or a name: {arm_names()}")
+    if size > MOST_URDF:
+        raise ArmError(f"{path} has {size} bytes, a URDF {MOST_URDF} at most")
     return model_of(path)
 
 

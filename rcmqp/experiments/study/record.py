@@ -19,7 +19,18 @@ import numpy as np
 from rcmqp.errors import RunFileError
 from rcmqp.experiments.study.outcome import TRACES, Outcome
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import versions
+from rcmqp.runs.untrusted import (
+    MOST_TEXT,
+    StoredRows,
+    datasets,
+    json_of,
+    reading,
+    text,
+    text_of,
+    whole_number,
+)
 
 FORMAT = "rcmqp trial"
 FORMAT_VERSION = 4
@@ -91,36 +102,66 @@ class Record:
         """
         if not path.is_file():
             raise RunFileError(path, "is a folder" if path.is_dir() else "no such file")
-        try:
-            with h5py.File(path, "r") as file:
-                if file.attrs.get("format") != FORMAT:
-                    raise RunFileError(path, "is no trial of a study; move it elsewhere")
-                version = int(file.attrs["format_version"])
-                if version != FORMAT_VERSION:
-                    raise RunFileError(
-                        path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
-                    )
-                outcome = json.loads(file.attrs["outcome"])
-                outcome["reached_s"] = tuple(map(_number, outcome["reached_s"]))
-                kinds = {item.name: item.type for item in dataclasses.fields(Outcome)}
-                numbers: dict[str, Any] = {
-                    name: _number(value) if kinds[name] == "float" else value
-                    for name, value in outcome.items()
-                }
-                record = cls(
-                    Outcome(**numbers),
-                    file.attrs["scenario"],
-                    file.attrs["law"],
-                    file.attrs["made_of"],
-                    {name: data[()] for name, data in file.items()},
-                    json.loads(file.attrs["versions"]),
+        with reading(path, "opening it"), h5py.File(path, "r") as file:
+            kind = text_of(path, file, "format") if "format" in file.attrs else ""
+            if kind != FORMAT:
+                raise RunFileError(path, "is no trial of a study; move it elsewhere")
+            version = whole_number(path, file, "format_version")
+            if version != FORMAT_VERSION:
+                raise RunFileError(
+                    path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
                 )
-                digest = file.attrs["digest"]
-        except (OSError, AttributeError, KeyError, ValueError, TypeError, RuntimeError) as error:
-            raise RunFileError(path, f"is damaged: {error}") from error
-        if record.digest != digest:
-            raise RunFileError(path, "is damaged: its numbers do not fit its digest")
-        return record
+            stored = datasets(path, file, compressed=True)
+            said = {
+                name: text_of(path, file, name)
+                for name in ("scenario", "law", "made_of", "outcome", "versions", "digest")
+            }
+            with reading(path, "scenario"):
+                most = Scenario.from_json(said["scenario"]).cycles
+            _check_shapes(path, stored, most)
+            with reading(path, "outcome"):
+                outcome = _outcome(json_of(path, "outcome", said["outcome"], dict))
+            record = cls(
+                outcome,
+                said["scenario"],
+                said["law"],
+                said["made_of"],
+                {name: StoredRows(dataset)[()] for name, dataset in stored.items()},
+                _texts(path, json_of(path, "versions", said["versions"], dict)),
+            )
+            if record.digest != said["digest"]:
+                raise RunFileError(path, "is damaged: its numbers do not fit its digest")
+            return record
+
+
+def _check_shapes(path: Path, stored: Mapping[str, h5py.Dataset], most: int) -> None:
+    """Check that the traces are those of a trial of so many cycles at most."""
+    rows = {dataset.shape[0] if dataset.shape else 0 for dataset in stored.values()}
+    if stored and (set(stored) != set(TRACES) or len(rows) > 1 or max(rows) > most):
+        raise RunFileError(path, f"is damaged: its traces are not those of {most} cycles")
+    for name, dataset in stored.items():
+        columns = (3,) if "(n, 3)" in TRACES[name][1] else ()
+        if dataset.shape[1:] != columns:
+            raise RunFileError(path, f"is damaged: {name} has shape {dataset.shape}")
+
+
+def _outcome(data: dict[str, Any]) -> Outcome:
+    """What plain() made a mapping of, with each value of the field's type."""
+    data["reached_s"] = tuple(map(_number, data["reached_s"]))
+    made: dict[str, Any] = {}
+    for item in dataclasses.fields(Outcome):
+        value = _number(data.pop(item.name)) if item.type == "float" else data.pop(item.name)
+        kind = {"int": int, "str": str, "bool": bool}.get(str(item.type), object)
+        if not isinstance(value, kind) or (isinstance(value, str) and len(value) > MOST_TEXT):
+            raise ValueError(f"{item.name} = {value!r:.50}, it must be of type {item.type}")
+        made[item.name] = value
+    if data:
+        raise ValueError(f"{sorted(data)[0]!r:.50} is unknown")
+    return Outcome(**made)
+
+
+def _texts(path: Path, versions: dict[str, Any]) -> dict[str, str]:
+    return {name: text(path, "versions", value) for name, value in versions.items()}
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,6 +21,7 @@ from rcmqp.experiments.study.plan import Study
 from rcmqp.experiments.study.statistics import Summary, summary
 from rcmqp.references.operators import GROUPS, PARAMETERS, CameraTrial
 from rcmqp.runs.metrics import ROUNDING, Metrics
+from rcmqp.runs.printable import csv_text
 from rcmqp.show.labels import given_words
 
 
@@ -176,7 +175,7 @@ def outcomes_csv(outcomes: Sequence[Outcome]) -> str:
         times = numbers.pop("reached_s")
         rows.append(numbers | {f"reached_{i + 1}_s": t for i, t in enumerate(times)})
     names = [item.name for item in dataclasses.fields(Outcome) if item.name != "reached_s"]
-    return _csv([*names, *(f"reached_{i + 1}_s" for i in range(count))], rows)
+    return csv_text([*names, *(f"reached_{i + 1}_s" for i in range(count))], rows)
 
 
 def operators_csv(study: Study) -> str:
@@ -191,15 +190,7 @@ def operators_csv(study: Study) -> str:
         path = trial.made().path
         if trial.law == law and trial.arm == arm and isinstance(path, CameraTrial):
             rows.append({"operator": trial.operator, **dataclasses.asdict(path.operator)})
-    return _csv(["operator", "group", *PARAMETERS], rows)
-
-
-def _csv(names: Sequence[str], rows: Sequence[dict[str, object]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names)
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(["operator", "group", *PARAMETERS], rows)
 
 
 def _cell(found: Summary, style: str, people: int) -> str:

@@ -13,6 +13,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+import numpy as np
+
 import rcmqp
 from rcmqp.errors import RcmqpError, ViewError
 from rcmqp.files import check_ending, check_writable, whole
@@ -107,6 +109,9 @@ def check_runs(runs: Sequence[Run]) -> Insertion:
                 "runs of other scenarios in pages of their own"
             )
     for run in runs:
+        for name in ("tip", "tip_d", "tip_error", "rcm_error"):
+            if not np.isfinite(run.column(name)[:]).any():
+                raise ViewError(f"{run.title} cannot be drawn: no row of {name} is a number")
         try:
             insertion = run.insertion()
         except RcmqpError as error:
