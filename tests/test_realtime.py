@@ -1139,6 +1139,6 @@ def test_the_stop_has_run_once_before_anything_moves(
         found.append((len(robot.sent), bool(np.any(args[2]))))
         return braking(*args)
 
-    monkeypatch.setattr("rcmqp.realtime.braking", told)
+    monkeypatch.setattr("rcmqp.realtime_loop.braking", told)
     run(robot)
     assert found == [(0, True), (20, True)]
