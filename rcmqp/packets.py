@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import hashlib
+import math
 import secrets
 import struct
 from hmac import compare_digest
@@ -27,7 +28,7 @@ Fault = Literal["malformed", "forged"]
 
 
 class Rejected(RcmqpError):
-    """A packet has another length, or was not made with the key.
+    """A packet has another length or numbers that mean nothing, or was not made with the key.
 
     Attributes:
         fault: which of the two.
@@ -119,6 +120,8 @@ class Packets:
         """
         body = _checked(self._order_mac, packet, self._order.size)
         kind, number, answers, *v = self._order.unpack(body)
+        if kind > Kind.HALT or not all(map(math.isfinite, v)):
+            raise Rejected("malformed")
         return Order(Kind(kind), number, answers, np.array(v))
 
     def _without_v(self, kind: Kind) -> bytes:
