@@ -252,9 +252,12 @@ class RealtimeLoop:
             error, reason = None, "asked to stop"
         else:
             reason = "" if error is None else _reason(error, caught)
-        self._stop, self._before_stop = Stop(at, reason, error), self.timing.cycles
-        self._rest = self._to_rest()
-        self._braking = None if hung is not None and self._settled() else next(self._rest, None)
+        self._before_stop, self._rest = self.timing.cycles, self._to_rest()
+        halted = self._settled()
+        if hung is not None and self.watchdog is not None and not halted:
+            reason += f", which failed: {self.watchdog.failure or 'it has not returned'}"
+        self._stop = Stop(at, reason, error)
+        self._braking = None if halted else next(self._rest, None)
 
     def _hung(self) -> LoopHung | None:
         return self.watchdog.hung if self.watchdog is not None else None
