@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import hashlib
-import math
 import secrets
 import struct
 from hmac import compare_digest
@@ -23,6 +22,9 @@ KEY = 32
 
 WINDOW = 1024
 """How many numbers below the newest are told apart as seen or not."""
+
+DOUBLE = np.dtype("<f8")
+"""How a number is written."""
 
 Fault = Literal["malformed", "forged"]
 
@@ -54,7 +56,7 @@ class Order(NamedTuple):
         kind: what is asked.
         number: of the command, from 1; 0 for what is not a command.
         answers: the number of the state that the command answers.
-        v: (nv,) joint velocities [rad/s].
+        v: (nv,) joint velocities [rad/s], read-only.
     """
 
     kind: Kind
@@ -80,37 +82,39 @@ class Packets:
 
     def __init__(self, nq: int, nv: int, key: bytes) -> None:
         """Both ends get the same ``key``, of 32 bytes, from new_key()."""
-        self._nq, self._nv = nq, nv
-        self._state = struct.Struct(f"<q{nq + nv}d")
-        self._order = struct.Struct(f"<Bqq{nv}d")
+        self._nq = nq
+        self._state, self._order = struct.Struct("<q"), struct.Struct("<Bqq")
+        self._state_size = self._state.size + DOUBLE.itemsize * (nq + nv)
+        self._order_size = self._order.size + DOUBLE.itemsize * nv
+        self._zero = np.zeros(nv)
         self._state_mac = hashlib.blake2s(key=key, digest_size=TAG, person=b"state")
         self._order_mac = hashlib.blake2s(key=key, digest_size=TAG, person=b"order")
 
     def state(self, number: int, q: Array, v: Array) -> bytes:
         """Pack a state."""
-        return _tagged(self._state_mac, self._state.pack(number, *q, *v))
+        return _tagged(self._state_mac, self._state.pack(number) + _bytes(q) + _bytes(v))
 
     def command(self, number: int, answers: int, v: Array) -> bytes:
         """Pack a command."""
-        return _tagged(self._order_mac, self._order.pack(Kind.MOVE, number, answers, *v))
+        return self._tagged_order(Kind.MOVE, number, answers, v)
 
     def hello(self) -> bytes:
         """What a controller says first."""
-        return self._without_v(Kind.HELLO)
+        return self._tagged_order(Kind.HELLO, 0, 0, self._zero)
 
     def halt(self) -> bytes:
         """Come to rest, and take no command any more."""
-        return self._without_v(Kind.HALT)
+        return self._tagged_order(Kind.HALT, 0, 0, self._zero)
 
     def read_state(self, packet: bytes) -> tuple[int, Array, Array]:
-        """Number, q and v.
+        """Number, q and v, which are read-only.
 
         Raises:
             Rejected: it is not a state that was made with the key.
         """
-        body = _checked(self._state_mac, packet, self._state.size)
-        number, *values = self._state.unpack(body)
-        return number, np.array(values[: self._nq]), np.array(values[self._nq :])
+        body = _checked(self._state_mac, packet, self._state_size)
+        values = np.frombuffer(body, DOUBLE, offset=self._state.size)
+        return self._state.unpack_from(body)[0], values[: self._nq], values[self._nq :]
 
     def read_order(self, packet: bytes) -> Order:
         """What the controller asks.
@@ -118,14 +122,15 @@ class Packets:
         Raises:
             Rejected: it is not an order that was made with the key.
         """
-        body = _checked(self._order_mac, packet, self._order.size)
-        kind, number, answers, *v = self._order.unpack(body)
-        if kind > Kind.HALT or not all(map(math.isfinite, v)):
+        body = _checked(self._order_mac, packet, self._order_size)
+        kind, number, answers = self._order.unpack_from(body)
+        v = np.frombuffer(body, DOUBLE, offset=self._order.size)
+        if kind > Kind.HALT or not np.isfinite(v).all():
             raise Rejected("malformed")
-        return Order(Kind(kind), number, answers, np.array(v))
+        return Order(Kind(kind), number, answers, v)
 
-    def _without_v(self, kind: Kind) -> bytes:
-        return _tagged(self._order_mac, self._order.pack(kind, 0, 0, *[0.0] * self._nv))
+    def _tagged_order(self, kind: Kind, number: int, answers: int, v: Array) -> bytes:
+        return _tagged(self._order_mac, self._order.pack(kind, number, answers) + _bytes(v))
 
 
 class Numbers:
@@ -154,6 +159,10 @@ class Numbers:
             return "again"
         self._seen |= 1 << -ahead
         return "older"
+
+
+def _bytes(values: Array) -> bytes:
+    return np.asarray(values, DOUBLE).tobytes()
 
 
 def _tagged(mac: hashlib.blake2s, body: bytes) -> bytes:

@@ -153,6 +153,7 @@ def test_an_arm_in_its_own_process_is_at_rest_where_a_call_hangs(
         account = account_of(box)
     assert isinstance(report.stop.error, LoopHung)
     assert f"LoopHung: {where}() hangs: no cycle has ended for 0.5 s" in report.stop.fault
+    assert report.stop.fault.endswith("so the robot's halt() was called")
     assert report.halted
     assert (report.cycles, report.braking, robot.sent) == (300, 0, 300)
     assert (account.halted, account.stopped, account.speed_end) == (1, 0, 0.0)
@@ -220,6 +221,36 @@ def test_a_halt_that_fails_is_tried_again_and_the_loop_brakes(insertion: rcmqp.I
     assert report.braking > HOLD / T
     assert not robot.v.any()
     assert robot.halts > 1
+
+
+def test_a_halt_that_fails_is_tried_again_before_the_loop_has_ended() -> None:
+    tries, there = list[int](), threading.Event()
+
+    def halt() -> None:
+        tries.append(1)
+        if len(tries) < 3:
+            raise OSError("not yet")
+        there.set()
+
+    watchdog = Watchdog(halt, 0.05, lambda: "here", lambda: None)
+    watchdog.beat()
+    assert there.wait(FOREVER)
+    watchdog.close()
+    assert watchdog.settled()
+    assert len(tries) == 4
+
+
+def test_nothing_is_sent_after_the_halt_even_where_the_loop_has_lost_no_time(
+    insertion: rcmqp.Insertion,
+) -> None:
+    """By its own clock, which stands still while read() hangs."""
+    robot = HaltingJoints(insertion, "read")
+    robot.free = robot.halted
+    executor, timing = ticks()
+    with stepped(robot, timing=timing, **HANGS) as loop:
+        executor.steps(loop)
+    assert "LoopHung: read() hangs" in loop.report().stop.fault
+    assert len(robot.sent) == 20
 
 
 def test_a_robot_without_halt_is_not_watched(insertion: rcmqp.Insertion) -> None:
@@ -357,6 +388,28 @@ def test_a_cycle_that_is_called_too_late_ends_in_the_safe_stop(insertion: rcmqp.
     assert "LoopFault: a command was 4.999" in loop.report().stop.fault
     assert not robot.v.any()
     assert len(robot.sent) > HOLD / T
+
+
+def test_one_call_sends_one_command_even_where_that_took_too_long(
+    insertion: rcmqp.Insertion,
+) -> None:
+    robot = Joints(insertion)
+    executor, timing = ticks()
+    usual = robot.send
+
+    def slow(v: Array) -> None:
+        usual(v)
+        executor.now += 5.0 * (len(robot.sent) == 10)
+
+    robot.send = slow  # type: ignore[method-assign]
+    with stepped(robot, timing=timing) as loop:
+        for k in range(1, 12):
+            loop.cycle()
+            assert len(robot.sent) == k
+            executor.now += T
+        assert "LoopFault: send() took until 5" in loop.report().stop.fault
+        executor.steps(loop)
+    assert not robot.v.any()
 
 
 @pytest.mark.parametrize("how", ["leaves", "raises", "asks"])
