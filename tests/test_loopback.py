@@ -19,20 +19,14 @@ from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.realtime.latency import EDGES, Latency
 from rcmqp.realtime.loopback import ArmLost, LoopbackReport, Readings, UdpArm, run_loopback
+from rcmqp.realtime.packets import Kind, Packets, new_key
 from rcmqp.realtime.priority import PRIORITY, real_time_priority
 from rcmqp.realtime.report import LoopReport, Stop
-from rcmqp.realtime.simulated_arm import (
-    HOST,
-    PATIENCE,
-    TOO_OLD,
-    Account,
-    Box,
-    Packets,
-    insertion_of,
-)
+from rcmqp.realtime.simulated_arm import HOST, PATIENCE, TOO_OLD, Account, Box, insertion_of
 
 T = 0.001
 V = np.full(7, 0.1)
+KEY = new_key()
 
 
 @pytest.fixture(scope="module")
@@ -47,13 +41,13 @@ def test_the_simulated_arm_has_what_is_assumed_of_the_real_one_for_its_limits() 
 
 def test_packets_are_read_as_they_were_written() -> None:
     rng = np.random.default_rng(7)
-    packets, q, v = Packets(8, 7), rng.normal(size=8), rng.normal(size=7)
+    packets, q, v = Packets(8, 7, KEY), rng.normal(size=8), rng.normal(size=7)
     number, q_read, v_read = packets.read_state(packets.state(3, q, v))
     assert number == 3
     assert np.array_equal(q_read, q)
     assert np.array_equal(v_read, v)
-    assert packets.read_command(packets.command(5, 3, v))[:2] == (5, 3)
-    assert np.array_equal(packets.read_command(packets.command(5, 3, v))[2], v)
+    assert packets.read_order(packets.command(5, 3, v))[:3] == (Kind.MOVE, 5, 3)
+    assert np.array_equal(packets.read_order(packets.command(5, 3, v)).v, v)
 
 
 def test_the_arm_moves_as_the_newest_command_says(insertion: Insertion) -> None:
@@ -141,7 +135,7 @@ def peer() -> Iterator[socket.socket]:
 
 
 def test_the_loop_reads_the_newest_state_and_counts_the_others(peer: socket.socket) -> None:
-    packets, still = Packets(7, 7), np.zeros(7)
+    packets, still = Packets(7, 7, KEY), np.zeros(7)
     with closing(_connected(peer, packets)) as robot:
         robot.send(V)  # the account begins
         for number in (2, 3, 6, 5):
@@ -152,7 +146,7 @@ def test_the_loop_reads_the_newest_state_and_counts_the_others(peer: socket.sock
         assert robot.readings.again == 1
         robot.send(V)
         peer.recv(4096)
-        assert packets.read_command(peer.recv(4096))[:2] == (2, 6)
+        assert packets.read_order(peer.recv(4096))[1:3] == (2, 6)
 
 
 def _connected(peer: socket.socket, packets: Packets) -> UdpArm:
@@ -173,7 +167,7 @@ def _connected(peer: socket.socket, packets: Packets) -> UdpArm:
 def test_an_arm_that_falls_silent_is_an_error(
     peer: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    packets = Packets(7, 7)
+    packets = Packets(7, 7, KEY)
     with closing(_connected(peer, packets)) as robot:
         monkeypatch.setattr("rcmqp.realtime.loopback.PATIENCE", 0.0)
         with pytest.raises(ArmLost, match="newest state is"):
@@ -189,7 +183,7 @@ def test_no_arm_at_all_is_an_error_and_leaves_no_socket(
     if not somebody:
         peer.close()
     with pytest.raises(ArmLost, match=f"nothing came back from port {port}"):
-        UdpArm(port, Packets(7, 7))
+        UdpArm(port, Packets(7, 7, KEY))
     gc.collect()  # a socket left open would be a warning, and that an error
 
 
@@ -199,7 +193,7 @@ def test_an_arm_that_counts_from_the_start_again_is_not_taken_for_the_old_one(
     """States come, but none that is newer; after 20 ms that is an arm lost."""
     clock = [100.0]
     monkeypatch.setattr("rcmqp.realtime.loopback.time.perf_counter", lambda: clock[0])
-    packets, still = Packets(7, 7), np.zeros(7)
+    packets, still = Packets(7, 7, KEY), np.zeros(7)
     with closing(_connected(peer, packets)) as robot:
         peer.send(packets.state(1000, np.ones(7), still))
         robot.read()

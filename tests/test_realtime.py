@@ -30,8 +30,8 @@ from rcmqp.qp.levels import Bounds, Level
 from rcmqp.realtime.checks import CommandCheck, LoopFault
 from rcmqp.realtime.deadlines import Deadlines
 from rcmqp.realtime.latency import EDGES, LatencyCounter
-from rcmqp.realtime.loop import HOLD, WARM_UP, Stamped, run_realtime
 from rcmqp.realtime.report import LoopReport
+from rcmqp.realtime.run import HOLD, WARM_UP, Stamped, run_realtime
 from rcmqp.references.governor import Governed
 from rcmqp.references.paths import ViewMoves
 from rcmqp.references.view import Reference

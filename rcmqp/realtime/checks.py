@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -10,7 +12,7 @@ from rcmqp.errors import InvalidCommand, RcmqpError
 from rcmqp.limits.joints import braking_speed
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.view import Stamped
-from rcmqp.world.arm import Arm
+from rcmqp.world.arm import Arm, ArmState
 
 SLACK = 1e-3
 """Share of a limit that a command may be above it: a solver's tolerance, and cut off."""
@@ -20,6 +22,40 @@ FAST = "take hierarchical_qp, or velocity_limit=scale where the controller has t
 
 ABRUPT = "take hierarchical_qp, which keeps the joints' limits, or give a smoother reference"
 """What to do about a command that changes too much."""
+
+
+class Robot(Protocol):
+    """What drives the joints; each call must return well within a period."""
+
+    def read(self) -> tuple[ArrayLike, ArrayLike]:
+        """Configuration q (nq,) and joint velocity v (nv,) [rad/s] as measured now."""
+        ...
+
+    def send(self, v: Array) -> None:
+        """Command a joint velocity v (nv,) [rad/s], read-only, until the next one."""
+        ...
+
+
+@runtime_checkable
+class Halting(Protocol):
+    """A robot that can be halted from another thread, even while read() or send() hangs.
+
+    The joints come to rest by the robot's own means, and no command that comes later moves them.
+    halt() may be called more than once.
+    """
+
+    def halt(self) -> None:
+        """Bring the joints to rest, and return."""
+        ...
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """References that depend on what the arm does, such as rcmqp.references.governor.Governed."""
+
+    def see(self, state: ArmState) -> None:
+        """Take the state that was measured when the last reference was asked for."""
+        ...
 
 
 class LoopFault(RcmqpError):

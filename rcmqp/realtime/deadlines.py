@@ -18,7 +18,12 @@ class Deadlines:
         cycles: that were run.
         missed: cycles whose command left when the next was due, or later.
         skipped: cycles that were over before they could begin.
+        due: when the next cycle is due, from the start [s].
+        slip: by how much more than a period after the last cycle an executor began this one
+            [s]; 0 where the cycle's time is the clock's.
     """
+
+    slip = 0.0
 
     def __init__(
         self,
@@ -38,15 +43,11 @@ class Deadlines:
     def begin(self) -> None:
         """Start a period from now."""
         self._start = self._clock() + self.period
+        self.due = 0.0
 
     def now(self) -> float:
         """Time from the start [s]."""
         return self._clock() - self._start
-
-    @property
-    def due(self) -> float:
-        """When the next cycle is due, from the start [s]."""
-        return self._next * self.period
 
     def wait(self) -> None:
         """Return when the next cycle is due; at once if it was already, or has begun."""
@@ -66,8 +67,46 @@ class Deadlines:
         self.answer.add(now - self.due, now)
         self.cycles += 1
         self._next += 1
-        if now >= self.due:
+        if now >= self._next * self.period:
             self.missed += 1
             over = max(0, math.floor(now / self.period) - self._next)
             self.skipped += over
             self._next += over
+        self.due = self._next * self.period
+
+
+class Ticks(Deadlines):
+    """Cycles that are due when an executor of one's own begins them.
+
+    ``wake`` is then by how much more than a period after the last cycle each one began, and
+    ``skipped`` how many whole periods went by without one.
+    """
+
+    def begin(self) -> None:
+        """The clock starts with the first cycle."""
+        self._start, self.due = self._clock(), 0.0
+
+    def early(self) -> bool:
+        """Whether less than half a period has gone by since the last cycle was due."""
+        return self._next > 0 and self.now() < self.due - 0.5 * self.period
+
+    def wait(self) -> None:
+        """This cycle is due now, unless it has begun."""
+        if self._begun == self._next:
+            return
+        if self._next == 0:
+            self.begin()
+        now = self.now()
+        self.slip = max(0.0, now - self.due) if self._next else 0.0
+        self.wake.add(self.slip, now)
+        self.skipped += math.floor(self.slip / self.period)
+        self.due, self._begun = now, self._next
+
+    def sent(self) -> None:
+        """The command of this cycle has left: count how late; the next is due a period on."""
+        now = self.now()
+        self.answer.add(now - self.due, now)
+        self.cycles += 1
+        self._next += 1
+        self.missed += now - self.due >= self.period
+        self.due += self.period

@@ -1,18 +1,18 @@
-"""A control loop at a fixed period against anything that can be read and commanded."""
+"""The cycles of a real-time loop and of its safe stop, one call each."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import gc
 import math
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Protocol, runtime_checkable
+from types import TracebackType
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rcmqp.controllers.base import Controller
 from rcmqp.controllers.braking import Brake, braking
@@ -20,18 +20,20 @@ from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.checks import (
     CommandCheck,
+    Halting,
     LoopFault,
+    Robot,
+    Watching,
     as_reading,
     check_speed,
     check_stamp,
 )
-from rcmqp.realtime.deadlines import Deadlines
+from rcmqp.realtime.deadlines import Deadlines, Ticks
+from rcmqp.realtime.priority import time_waited
 from rcmqp.realtime.report import LoopReport, Stop
 from rcmqp.realtime.signals import KeptSignals
+from rcmqp.realtime.watchdog import LoopHung, Watchdog
 from rcmqp.references.view import Stamped
-from rcmqp.world.arm import ArmState
-
-__all__ = ["LoopFault", "Robot", "Stamped", "Watching", "run_realtime"]
 
 WARM_UP = 20
 """Steps before the loop, not sent: the first may compile, load or allocate."""
@@ -39,133 +41,102 @@ WARM_UP = 20
 LATENESS = 20
 """Periods that a command may be late by."""
 
+HUNG = 10
+"""Periods beyond ``lateness`` after which a cycle that has not ended is taken for hung."""
+
 HOLD = 0.2
 """How long zero velocity is sent after the joints have stopped [s]: a lost packet is no matter."""
 
 
-class Robot(Protocol):
-    """What drives the joints; each call must return well within a period."""
+class RealtimeLoop:
+    """The loop of run_realtime(), stepped by an executor of one's own.
 
-    def read(self) -> tuple[ArrayLike, ArrayLike]:
-        """Configuration q (nq,) and joint velocity v (nv,) [rad/s] as measured now."""
-        ...
+    In the block, call cycle() once a period until it returns False; the arm is then at rest::
 
-    def send(self, v: Array) -> None:
-        """Command a joint velocity v (nv,) [rad/s], read-only, until the next one."""
-        ...
+        with RealtimeLoop(robot, controller, references, duration) as loop:
+            executor.run_every(controller.period, loop.cycle)
+        print(loop.report().as_markdown())
 
+    The checks, the safe stop and the watch-dog are those of run_realtime(). The executor keeps
+    the time: a cycle is due when cycle() is called, and one that is called more than ``lateness``
+    too late ends in the safe stop. Signals and the garbage collector are the executor's, too.
 
-@runtime_checkable
-class Watching(Protocol):
-    """References that depend on what the arm does, such as rcmqp.references.governor.Governed."""
-
-    def see(self, state: ArmState) -> None:
-        """Take the state that was measured when the last reference was asked for."""
-        ...
-
-
-def run_realtime(
-    robot: Robot,
-    controller: Controller,
-    references: Callable[[float], Stamped],
-    duration: float,
-    *,
-    reference_age: float = 0.05,
-    lateness: float | None = None,
-    spin: float = 200e-6,
-    clock: Callable[[], float] = time.perf_counter,
-    sleep: Callable[[float], None] = time.sleep,
-) -> LoopReport:
-    """Run a controller in real time, and end it at rest.
-
-    Cycle k is due at k periods after the start, by the clock, whatever the cycles before it
-    took: read, reference, control, send. A command that leaves after the next cycle is due has
-    missed its deadline; cycles that are over by then are skipped, not made up for.
-
-    Every run ends in the safe stop ``brake``: at the end of ``duration``, on Ctrl-C, SIGTERM or
-    SIGHUP, and at once where a reading or a command is not finite, a command is beyond the joint's
-    limits of speed, acceleration or jerk or would let it no longer stop before its position
-    limit, the reference is stale, a command would be late or took to send by more than
-    ``lateness``, or anything raises an exception. From the last velocity sent the joints slow
-    down as fast as their limits of acceleration and jerk allow, the shaft staying on the trocar,
-    see braking(); a joint that comes near its position limit stops by itself as fast as it may.
-    Zero is then held for 0.2 s. No command is sent twice. That a reading is old the
-    loop cannot tell: read() has to raise where its newest one is.
-
-    In the main thread a signal is noted, and the loop looks for it once a cycle; during the stop
-    it changes nothing. Where read(), send(), the reference or the controller hangs for longer
-    than ``lateness``, it is left by a KeyboardInterrupt. The report, which is returned all the
-    same, tells of it: to end the program is for the caller. SIGQUIT (Ctrl-backslash) is left
-    alone: it ends the program where it is, and no stop is sent.
-
-    The controller is told the velocity that was sent last, as simulate() does: a measured one lags
-    behind, and is used at the start only. Where the controller itself answers with its safe stop,
-    to a reference that is no pose, for one, the loop goes on, brakes with it, and counts.
-
-    The garbage collector is kept out of the way while the loop runs.
-
-    Args:
-        robot: what is read and commanded.
-        controller: its insertion's arm is the robot's, its period that of the loop.
-        references: gives, at a time from the start [s], the newest reference. If it has a method
-            see(state), as Governed has, each cycle then shows it the state that was measured.
-        duration: how long to run [s], without the stop.
-        reference_age: how old the newest reference may be [s].
-        lateness: how long after its own cycle was due a command may still be sent [s]; twenty
-            periods, if not given, which is what a Franka takes before it stops by itself.
-        spin: the last bit of the wait that is spun, not slept [s]: sleeping wakes late. 0 leaves
-            the core to others and costs punctuality.
-        clock: seconds, never going back.
-        sleep: waits for some seconds.
-
-    Returns:
-        What happened; ``stop.fault`` says why the loop ended early, if it did.
-
-    Raises:
-        OptionError: a time is not allowed, or an acceleration or jerk limit of the arm is only
-            assumed or infinite: see load_arm(..., acceleration=..., jerk=...).
-        RcmqpError: before the loop, while nothing moves: what would end it is refused in the
-            warm-up, and so is a joint that is faster than it may be.
+    Attributes:
+        ended: the safe stop is over, or the robot was halted.
     """
-    period = controller.period
-    lateness = LATENESS * period if lateness is None else lateness
-    times = {"duration": duration, "reference_age": reference_age, "lateness": lateness}
-    for name, value in times.items():
-        if not 0.0 < value < math.inf:
-            raise OptionError(f"{name} = {value} s, it must be positive and finite")
-    if not 0.0 <= spin <= period:
-        raise OptionError(f"spin = {spin} s, it must lie between 0 and the period, {period} s")
-    controller.insertion.arm.check_limits_known()
-    timing = Deadlines(period, spin, clock, sleep)
-    loop = _Loop(robot, controller, references, timing, reference_age, lateness)
-    loop.warm_up()
-    with loop.signals.kept(), _no_garbage_collection():
-        return loop.run(duration)
-
-
-class _Loop:
-    """One run of run_realtime()."""
 
     def __init__(
         self,
         robot: Robot,
         controller: Controller,
         references: Callable[[float], Stamped],
-        timing: Deadlines,
-        reference_age: float,
-        lateness: float,
+        duration: float,
+        *,
+        reference_age: float = 0.05,
+        lateness: float | None = None,
+        hung: float | None = None,
+        timing: Deadlines | None = None,
     ) -> None:
+        """Arguments as of run_realtime(); ``timing`` is run_realtime()'s own.
+
+        Raises:
+            OptionError: as run_realtime().
+        """
+        period = controller.period
+        lateness = LATENESS * period if lateness is None else lateness
+        times = {"duration": duration, "reference_age": reference_age, "lateness": lateness}
+        for name, value in times.items():
+            if not 0.0 < value < math.inf:
+                raise OptionError(f"{name} = {value} s, it must be positive and finite")
+        hung = lateness + HUNG * period if hung is None else hung
+        if not lateness < hung < math.inf:
+            raise OptionError(
+                f"hung = {hung} s, it must be finite and more than lateness, {lateness} s"
+            )
+        controller.insertion.arm.check_limits_known()
         self.robot, self.controller, self.references = robot, controller, references
         self.watching = references if isinstance(references, Watching) else None
-        self.timing = timing
-        self.reference_age, self.lateness = reference_age, lateness
-        self.signals = KeptSignals(lateness)
+        self.timing = timing or Ticks(period, 0.0, time.perf_counter, time.sleep)
+        self.duration, self.reference_age, self.lateness = duration, reference_age, lateness
+        self.signals, self.ended = KeptSignals(lateness), False
+        self.watchdog: Watchdog | None = None
+        if isinstance(robot, Halting):
+            self.watchdog = Watchdog(robot.halt, hung, self._where, self._leave)
         self.arm = controller.insertion.arm
         self.v, self.angles, self.read_at = np.zeros(self.arm.nv), self.arm.home, 0.0
         self.a = np.zeros(self.arm.nv)
         self.pivot = np.array(controller.insertion.trocar.pivot)
-        self.check = CommandCheck(Brake(controller.insertion, timing.period), controller.name)
-        self.controller_stops = self.unsent = 0
+        self.check = CommandCheck(Brake(controller.insertion, period), controller.name)
+        self.controller_stops = self.unsent = self._before_stop = 0
+        self._stop: Stop | None = None
+        self._rest: Iterator[Array] = iter(())
+        self._braking: Array | None = None
+        self._reads, self._stop_asked = True, False
+        self._thread, self._waited_before, self._waited = 0, math.nan, math.nan
+
+    def __enter__(self) -> Self:
+        """Warm up; nothing moves yet.
+
+        Raises:
+            RcmqpError: what would end the loop is refused, and so is a joint that is too fast.
+        """
+        self.warm_up()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Bring the arm to rest from here, if it is not."""
+        if error is not None and self._stop is None:
+            self._begin_stop(error)
+        self.stop()
+        while self.timing.cycles and self.cycle():
+            with contextlib.suppress(BaseException):  # what cannot wait must still stop
+                time.sleep(self.timing.period)
+        self._end()
 
     def warm_up(self) -> None:
         """Let everything run once that the loop and its stop will, but for sending."""
@@ -178,42 +149,144 @@ class _Loop:
         self.controller.reset()
         self.controller_stops = 0
 
-    def run(self, duration: float) -> LoopReport:
-        """Cycles until ``duration`` [s], a fault or a signal, then the safe stop."""
-        timing, signals = self.timing, self.signals
-        timing.begin()
-        self.read_at = -timing.period  # the reading of the warm-up
-        stop = Stop(duration, "")
+    def stop(self) -> None:
+        """Ask for the safe stop, from any thread; the next cycle begins it."""
+        self._stop_asked = True
+
+    def cycle(self) -> bool:
+        """Run the cycle that is due now, of the loop or of its safe stop.
+
+        A call less than half a period after the last one does nothing: the joints could not
+        follow two commands at once.
+
+        Returns:
+            Whether there is more to run; if not, the loop has ended.
+        """
+        if isinstance(self.timing, Ticks) and self.timing.early():
+            return not self.ended
+        return self._advance()
+
+    def run(self) -> LoopReport:
+        """Cycles until the duration is over, a fault or a signal, then the safe stop."""
+        self.timing.begin()
         try:
-            while timing.due < duration:
-                timing.wait()
-                if signals.caught:
-                    raise KeyboardInterrupt
-                self._cycle()
-        except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the report has it)
-            stop = Stop(timing.now(), _reason(error, signals.caught), error)
+            while self._advance():
+                pass
         finally:  # on sys.exit(), too
-            braking_cycles = self._brake()
+            while self._advance():
+                pass
+        return self.report()
+
+    def report(self) -> LoopReport:
+        """What happened so far; ``stop`` is how the loop ended, once it has."""
+        timing, watchdog = self.timing, self.watchdog
+        stop = self._stop or Stop(timing.now(), "")
         return LoopReport(
             controller=self.controller.name,
             period=timing.period,
             cycles=timing.cycles,
-            braking=braking_cycles,
+            braking=timing.cycles - self._before_stop if self._stop else 0,
             missed=timing.missed,
             skipped=timing.skipped,
             controller_stops=self.controller_stops,
             unsent=self.unsent,
             wake=timing.wake.latency(),
             answer=timing.answer.latency(),
-            stop=dataclasses.replace(stop, signal=signals.caught),
+            stop=dataclasses.replace(stop, signal=self.signals.caught),
+            halted=watchdog is not None and watchdog.halted,
+            waited=self._waited,
         )
+
+    def _advance(self) -> bool:
+        """Wait for the next cycle and run it; whether there is another."""
+        if self.ended:
+            return False
+        timing, before = self.timing, self.timing.cycles
+        if not self._thread:
+            self._begin()
+        if self._stop is None:
+            try:
+                timing.wait()
+                if self.signals.caught or self._stop_asked:
+                    raise KeyboardInterrupt
+                self._cycle()
+                if timing.due >= self.duration:
+                    self._begin_stop(None)
+            except BaseException as error:
+                self._begin_stop(error)
+                if not isinstance(error, (Exception, KeyboardInterrupt)):
+                    raise
+            if self._stop is None or timing.cycles > before:
+                self._beat()
+                return True
+        self._brake()
+        return not self.ended
+
+    def _begin(self) -> None:
+        """What the first cycle begins with."""
+        self._thread, self._waited_before = threading.get_ident(), time_waited()
+        self.read_at = -self.timing.period  # the reading of the warm-up
+        self._beat()
+
+    def _end(self) -> None:
+        """The arm is at rest."""
+        if not self.ended:
+            self.ended = True
+            if self._thread == threading.get_ident():
+                self._waited = time_waited() - self._waited_before
+            if self.watchdog is not None:
+                self.watchdog.close()
+
+    def _beat(self) -> None:
+        if self.watchdog is not None:
+            self.watchdog.beat()
+
+    def _begin_stop(self, error: BaseException | None) -> None:
+        """From here on the safe stop is sent; its first command is looked for now."""
+        hung = self._hung()
+        if hung is not None:
+            error = hung
+        at = self.duration if error is None else self.timing.now()
+        caught = self.signals.caught
+        if self._stop_asked and isinstance(error, KeyboardInterrupt) and not caught:
+            error, reason = None, "asked to stop"
+        else:
+            reason = "" if error is None else _reason(error, caught)
+        self._before_stop, self._rest = self.timing.cycles, self._to_rest()
+        halted = self._settled()
+        if hung is not None and self.watchdog is not None and not halted:
+            reason += f", which failed: {self.watchdog.failure or 'it has not returned'}"
+        self._stop = Stop(at, reason, error)
+        self._braking = None if halted else next(self._rest, None)
+
+    def _hung(self) -> LoopHung | None:
+        return self.watchdog.hung if self.watchdog is not None else None
+
+    def _settled(self) -> bool:
+        """Whether the watch-dog has halted the robot: nothing may be sent any more."""
+        return self._hung() is not None and self.watchdog is not None and self.watchdog.settled()
+
+    def _where(self) -> str:
+        """What the loop is in, for the watch-dog's words."""
+        name = self.signals.where()
+        if name == "_command":
+            return "the reference or the controller hangs"
+        return f"{name}() hangs" if name else "the loop does not run"
+
+    def _leave(self) -> None:
+        """Get the main thread out of what hangs."""
+        hung = self._hung()
+        if hung is not None and self._thread == threading.main_thread().ident:
+            self.signals.leave(hung)
 
     def _cycle(self) -> None:
         timing, call = self.timing, self.signals.call
         now = timing.now()
         q, _ = as_reading(call(self.robot.read), self.arm)
         v = call(self._command, now, q)
-        late = timing.now() - timing.due
+        late = timing.now() - timing.due + timing.slip
+        if (hung := self._hung()) is not None:
+            raise hung
         if late > self.lateness:
             raise LoopFault(f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s")
         call(self.robot.send, v)
@@ -238,21 +311,35 @@ class _Loop:
         self.controller_stops += answer.diagnostics.get("safe_stop", 0.0) > 0.0
         return command
 
-    def _brake(self) -> int:
-        """The safe stop, sent whatever else fails; in how many cycles."""
-        before, reads = self.timing.cycles, True
-        for v in self._to_rest():
-            with contextlib.suppress(BaseException):  # what cannot wait must still stop
-                self.timing.wait()
-            if reads:  # to keep in touch, as long as that does not hold up what is to be sent
-                reads = self._keeps_in_touch()
-            try:
-                self.signals.call(self.robot.send, v)
-            except BaseException:  # noqa: BLE001  (the next may get through)
-                self.unsent += 1
-            with contextlib.suppress(BaseException):
-                self.timing.sent()
-        return self.timing.cycles - before
+    def _brake(self) -> None:
+        """One cycle of the safe stop, sent whatever else fails."""
+        timing = self.timing
+        with contextlib.suppress(BaseException):  # what cannot wait must still stop
+            timing.wait()
+        if self._reads and self._braking is not None and self._hung() is None:
+            self._reads = self._keeps_in_touch()  # as long as that does not hold up the stop
+        if self._braking is None or self._settled():
+            self._note_hung()
+            self._end()
+            return
+        try:
+            self.signals.call(self.robot.send, self._braking)
+        except BaseException:  # noqa: BLE001  (the next may get through)
+            self.unsent += 1
+        with contextlib.suppress(BaseException):
+            timing.sent()
+        self._beat()
+        self._braking = next(self._rest, None)
+        if self._braking is None:
+            self._end()
+
+    def _note_hung(self) -> None:
+        """A stop that the watch-dog ended says so."""
+        stop, hung = self._stop, self._hung()
+        if stop is not None and hung is not None and stop.error is not hung:
+            reasons = (stop.fault, _reason(hung, 0))
+            fault = "; in the stop, ".join(reason for reason in reasons if reason)
+            self._stop = dataclasses.replace(stop, fault=fault, error=hung)
 
     def _keeps_in_touch(self) -> bool:
         """Read, whatever comes of it; whether that was quick."""
@@ -274,21 +361,6 @@ class _Loop:
         with contextlib.suppress(Exception):
             yield from braking(insertion, angles, self.v, timing.period, self.pivot, self.a)
         yield from [zero] * math.ceil(HOLD / timing.period)
-
-
-@contextlib.contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Collect now, then not until the end; what is alive now is never looked at."""
-    enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if enabled:
-            gc.enable()
 
 
 def _reason(error: BaseException, caught: int) -> str:

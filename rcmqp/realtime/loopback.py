@@ -16,18 +16,23 @@ from rcmqp.controllers import make_controller
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.files import table
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.loop import Stamped, run_realtime
+from rcmqp.realtime import simulated_arm
+from rcmqp.realtime.packets import Packets, Rejected, new_key
 from rcmqp.realtime.priority import real_time_priority
 from rcmqp.realtime.report import LoopReport
-from rcmqp.realtime.simulated_arm import HOST, TOO_OLD, Account, Packets, insertion_of
+from rcmqp.realtime.run import run_realtime
+from rcmqp.realtime.simulated_arm import AT_ONCE, HOST, TOO_OLD, Account, insertion_of
 from rcmqp.references.paths import Circle
-from rcmqp.references.view import view_pose
+from rcmqp.references.view import Stamped, view_pose
 
 PATIENCE = 0.02
 """How old the newest state may be before the arm is taken for gone [s]."""
 
 HELLO = 1.0
 """How long the first state may take [s]."""
+
+HALTS = 3
+"""Packets of one halt()."""
 
 TURN = 8.0
 """How long the tip takes for a circle [s]."""
@@ -52,12 +57,14 @@ class Readings:
         lost: numbers left out before the highest that arrived, and never seen.
         overtaken: states that a newer one overtook before they were read.
         again: readings that found no newer state and gave the last one again.
+        rejected: packets that are not states made with the key.
     """
 
     received: int = 0
     lost: int = 0
     overtaken: int = 0
     again: int = 0
+    rejected: int = 0
 
 
 class UdpArm:
@@ -69,7 +76,7 @@ class UdpArm:
     """
 
     def __init__(self, port: int, packets: Packets) -> None:
-        """Say hello, and wait for the first state.
+        """Say hello, and wait for the first state; ``packets`` has the key of the arm.
 
         Raises:
             ArmLost: none comes within a second, or nobody is there.
@@ -79,8 +86,8 @@ class UdpArm:
         self._udp.settimeout(HELLO)
         try:
             self._udp.connect((HOST, port))
-            self._udp.send(b"hello")
-            self._newest = packets.read_state(self._udp.recv(4096))
+            self._udp.send(packets.hello())
+            self._newest = self._first_state()
         except OSError as error:
             self.close()
             raise ArmLost(
@@ -90,6 +97,17 @@ class UdpArm:
         self._udp.setblocking(False)
         self._came = time.perf_counter()
 
+    def _first_state(self) -> tuple[int, Array, Array]:
+        """The first packet that is a state made with the key."""
+        until = time.monotonic() + HELLO
+        while (left := until - time.monotonic()) > 0.0:
+            self._udp.settimeout(left)
+            try:
+                return self._packets.read_state(self._udp.recv(4096))
+            except Rejected:
+                self.readings.rejected += 1
+        raise TimeoutError("no packet was made with the key")
+
     def read(self) -> tuple[Array, Array]:
         """The newest state's q and v.
 
@@ -97,12 +115,14 @@ class UdpArm:
             ArmLost: it is older than 20 ms.
         """
         before, readings = self._newest, self.readings
-        while True:
+        for _ in range(AT_ONCE):
             try:
-                packet = self._udp.recv(4096)
+                state = self._packets.read_state(self._udp.recv(4096))
             except BlockingIOError:
                 break
-            state = self._packets.read_state(packet)
+            except Rejected:
+                readings.rejected += 1
+                continue
             left_out = state[0] - self._newest[0] - 1
             readings.received += 1
             readings.overtaken += left_out < 0 or self._newest is not before
@@ -120,6 +140,11 @@ class UdpArm:
             self.readings = Readings()
         self._udp.send(self._packets.command(self.sent + 1, self._newest[0], v))
         self.sent += 1
+
+    def halt(self) -> None:
+        """Stop the joints, from any thread; three packets, as one may be lost."""
+        for _ in range(HALTS):
+            self._udp.send(self._packets.halt())
 
     def close(self) -> None:
         """Hang up."""
@@ -146,7 +171,9 @@ class LoopbackReport:
     def unaccounted(self) -> int:
         """Commands sent of which the arm's account knows nothing; 0, or something is wrong."""
         arm = self.arm
-        known = arm.used + arm.superseded + arm.refused + arm.disordered + arm.lost
+        known = (
+            arm.used + arm.superseded + arm.refused + arm.disordered + arm.after_halt + arm.lost
+        )
         return self.sent - known - (self.sent - arm.highest)
 
     def rows(self) -> list[tuple[str, str]]:
@@ -161,6 +188,7 @@ class LoopbackReport:
                 str(arm.refused),
             ),
             ("- dropped, as they came after a newer one", str(arm.disordered)),
+            ("- dropped, as they came after a halt", str(arm.after_halt)),
             ("- lost on the way", str(arm.lost + self.sent - arm.highest)),
             ("- unaccounted for", str(self.unaccounted)),
             ("used late, answering a state 2 cycles old or more", str(arm.late)),
@@ -168,10 +196,16 @@ class LoopbackReport:
             ("arm's cycles without a new command", f"{arm.held} of {arm.cycles}"),
             ("arm's cycles that it overslept itself", str(arm.overslept)),
             ("arm's own emergency stops", str(arm.stopped)),
+            ("arm halted by the controller", "yes" if arm.halted else "no"),
+            (
+                "packets dropped: foreign, malformed, forged, replayed",
+                f"{arm.foreign}, {arm.malformed}, {arm.forged}, {arm.replayed}",
+            ),
             ("states received by the loop", str(readings.received)),
             ("- overtaken by a newer one before they were read", str(readings.overtaken)),
             ("states lost on the way", str(readings.lost)),
             ("readings that found no new state", str(readings.again)),
+            ("packets that were no states of the arm's", str(readings.rejected)),
             ("RCM error of the arm, max", f"{arm.rcm_max_mm:.4f} mm"),
             ("joint speed at the end", f"{arm.speed_end:.3g} rad/s"),
         ]
@@ -222,22 +256,39 @@ def run_loopback(
     def references(t: float) -> Stamped:
         return Stamped(view_pose(insertion.x_rcm, path.command(t, insertion.tip_depth)), t)
 
-    packets = Packets(insertion.arm.nq, insertion.arm.nv)
+    key = new_key()
+    packets = Packets(insertion.arm.nq, insertion.arm.nv, key)
     with contextlib.ExitStack() as stack:
         if busy:
             stack.enter_context(_process(["-c", BUSY]))
         if priority:
             stack.enter_context(real_time_priority())
-        box = stack.enter_context(
-            _process(["-m", "rcmqp.realtime.simulated_arm", arm, str(period)])
-        )
-        robot = UdpArm(_line(box)["port"], packets)
+        box = stack.enter_context(arm_process(arm, period, key))
+        robot = UdpArm(port_of(box), packets)
         with contextlib.closing(robot):
             loop = run_realtime(robot, made, references, duration)
-        assert box.stdin is not None
-        box.stdin.close()
-        account = Account(**_line(box))
+        account = account_of(box)
     return LoopbackReport(loop, robot.sent, robot.readings, account)
+
+
+@contextlib.contextmanager
+def arm_process(
+    arm: str, period: float, key: bytes, patience: int = simulated_arm.PATIENCE
+) -> Iterator[subprocess.Popen[str]]:
+    """The simulated arm in a process of its own, which gets the key by its stdin."""
+    command = ["-m", "rcmqp.realtime.simulated_arm", arm, str(period), str(patience)]
+    with _process(command) as box:
+        assert box.stdin is not None
+        box.stdin.write(f"{key.hex()}\n")
+        box.stdin.flush()
+        yield box
+
+
+def account_of(box: subprocess.Popen[str]) -> Account:
+    """End the arm's process; its account."""
+    assert box.stdin is not None
+    box.stdin.close()
+    return Account(**_line(box))
 
 
 @contextlib.contextmanager
@@ -252,6 +303,11 @@ def _process(arguments: list[str]) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.kill()
+
+
+def port_of(box: subprocess.Popen[str]) -> int:
+    """Where the arm's process listens."""
+    return int(_line(box)["port"])
 
 
 def _line(process: subprocess.Popen[str]) -> dict[str, Any]:

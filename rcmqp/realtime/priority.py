@@ -1,8 +1,9 @@
-"""Real-time priority for a loop that must not wait for other processes."""
+"""Real-time priority for a loop that must not wait for other processes, and how long it did."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections.abc import Iterator
 
@@ -35,3 +36,16 @@ def real_time_priority() -> Iterator[None]:
         yield
     finally:
         os.sched_setscheduler(0, *before)
+
+
+def time_waited(path: str = "/proc/thread-self/schedstat") -> float:
+    """How long this thread could have run so far and waited for a processor [s].
+
+    Linux counts it; NaN where the system does not.
+    """
+    try:
+        with open(path, encoding="ascii") as file:
+            _, waited, slices = (int(number) for number in file.read().split())
+    except (OSError, ValueError):
+        return math.nan
+    return 1e-9 * waited if slices else math.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -48,6 +49,9 @@ class LoopReport:
         wake: from when a cycle was due to when it began.
         answer: from when a cycle was due to when its command was sent.
         stop: how it ended.
+        halted: the watch-dog called the robot's halt(), and that returned.
+        waited: how long the loop's thread could have run and waited for a processor [s]; NaN
+            where the system does not count it.
     """
 
     controller: str
@@ -61,6 +65,8 @@ class LoopReport:
     wake: Latency
     answer: Latency
     stop: Stop
+    halted: bool = False
+    waited: float = math.nan
 
     def rows(self) -> list[tuple[str, str]]:
         """What was counted, and how much of it."""
@@ -74,11 +80,17 @@ class LoopReport:
             ("cycles skipped", _share(self.skipped, due)),
             *_latency("began late by", self.wake),
             *_latency("answered after", self.answer),
+            ("waited for a processor", _waited(self.waited)),
             ("controller's own stops", f"{self.controller_stops}"),
             ("commands not taken", f"{self.unsent}"),
             ("ended", f"at {self.stop.at:.3f} s, {self.stop.fault or 'as asked'}"),
-            ("safe stop", f"brake, {self.braking} cycles until zero was held"),
+            ("safe stop", self._safe_stop()),
         ]
+
+    def _safe_stop(self) -> str:
+        if self.halted:
+            return f"the robot's halt(), after {self.braking} cycles of braking"
+        return f"brake, {self.braking} cycles until zero was held"
 
     def histogram(self) -> list[tuple[str, str, str]]:
         """Delays between bounds: how many cycles began, and how many answered, so late."""
@@ -129,6 +141,10 @@ def _latency(what: str, delays: Latency) -> list[tuple[str, str]]:
 
 def _share(count: int, total: int) -> str:
     return f"{count} ({100 * count / max(total, 1):.4f} %)"
+
+
+def _waited(duration: float) -> str:
+    return "not counted by this system" if math.isnan(duration) else f"{_time(duration)} in all"
 
 
 def _time(delay: float) -> str:

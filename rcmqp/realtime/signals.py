@@ -15,6 +15,9 @@ ENDING = [
 ]
 """Ctrl-C, being told to end, and a terminal that is gone."""
 
+LEAVE = getattr(signal, "SIGURG", None)
+"""Gets the main thread out of a call that hangs; without a handler, it does nothing."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -32,6 +35,9 @@ class KeptSignals:
     def __init__(self, patience: float) -> None:
         """Not kept yet; a call() that takes longer than ``patience`` [s] hangs."""
         self.caught = 0
+        self._function: Callable[..., object] | None = None
+        self._left: BaseException | None = None
+        self._leaves = False
         self._patience, self._since = patience, math.inf
 
     @contextlib.contextmanager
@@ -45,8 +51,13 @@ class KeptSignals:
                     if handler not in (signal.SIG_IGN, None):  # None: not Python's own
                         before[number] = handler
                         signal.signal(number, self._note)
+                if LEAVE is not None and (handler := signal.getsignal(LEAVE)) is not None:
+                    before[LEAVE] = handler
+                    signal.signal(LEAVE, self._raise)
+                    self._leaves = True
             yield
         finally:  # Ctrl-C last: it may come at once
+            self._leaves = False
             for number, handler in reversed(before.items()):
                 signal.signal(number, handler)
 
@@ -55,12 +66,31 @@ class KeptSignals:
 
         Raises:
             KeyboardInterrupt: it hung, and a signal came.
+            BaseException: what leave() was given while it hung.
         """
         try:
+            self._function = function
             self._since = monotonic()
             return function(*args, **kwargs)
         finally:
             self._since = math.inf
+
+    def where(self) -> str:
+        """The name of the function that a call() is in; empty where it is in none."""
+        function = self._function if self._since < math.inf else None
+        return "" if function is None else getattr(function, "__name__", repr(function))
+
+    def leave(self, error: BaseException) -> None:
+        """Raise this error out of a call() that hangs in the main thread, from another thread."""
+        if self._leaves and LEAVE is not None:
+            self._left = error
+            signal.pthread_kill(threading.main_thread().ident or 0, LEAVE)
+
+    def _raise(self, number: int, frame: object) -> None:
+        error, self._left = self._left, None
+        if error is not None and self._since < math.inf:
+            self._since = math.inf
+            raise error
 
     def _note(self, number: int, frame: object) -> None:
         self.caught = self.caught or number

@@ -5,8 +5,10 @@ state, keep an account. ``rcmqp.realtime.loopback`` starts it:
 
     python -m rcmqp.realtime.simulated_arm panda 0.001
 
-It tells its port in a line of JSON on stdout, waits for a first packet to know whom to send
-states to, and ends, with its account in a line of JSON, when its stdin closes.
+It reads a key in hexadecimal from a line of stdin, tells its port in a line of JSON on stdout,
+and waits for a hello that was made with the key to know whom to send states to. From then on it
+takes orders from there only, and only those made with the key, each once. What else comes it
+drops and counts. It ends, with its account in a line of JSON, when its stdin closes.
 """
 
 from __future__ import annotations
@@ -14,7 +16,6 @@ from __future__ import annotations
 import json
 import select
 import socket
-import struct
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -22,6 +23,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.realtime.packets import Kind, Numbers, Packets, Rejected
 from rcmqp.world.insertion import Insertion, rcm_error
 from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import load_arm
@@ -34,6 +36,9 @@ TOO_OLD = 20
 PATIENCE = 50
 """Cycles without a command after which the box stops the joints by itself."""
 
+AT_ONCE = 64
+"""Packets that are read before the box looks at its clock again."""
+
 
 def insertion_of(arm: str) -> Insertion:
     """What both processes take for granted: the arm at home, its shaft 10 cm in the trocar.
@@ -43,42 +48,12 @@ def insertion_of(arm: str) -> Insertion:
     return Insertion.on_shaft(load_arm(arm).confirmed(), Instrument(), depth=0.1)
 
 
-class Packets:
-    """The two kinds of packet, little-endian.
-
-    A state: its number, joint positions (nq,) [rad], joint velocities (nv,) [rad/s].
-    A command: its number, that of the state it answers, joint velocities (nv,) [rad/s].
-    """
-
-    def __init__(self, nq: int, nv: int) -> None:
-        self._nq = nq
-        self._state = struct.Struct(f"<q{nq + nv}d")
-        self._command = struct.Struct(f"<qq{nv}d")
-
-    def state(self, number: int, q: Array, v: Array) -> bytes:
-        """Pack a state."""
-        return self._state.pack(number, *q, *v)
-
-    def command(self, number: int, answers: int, v: Array) -> bytes:
-        """Pack a command."""
-        return self._command.pack(number, answers, *v)
-
-    def read_state(self, packet: bytes) -> tuple[int, Array, Array]:
-        """Number, q and v."""
-        number, *values = self._state.unpack(packet)
-        return number, np.array(values[: self._nq]), np.array(values[self._nq :])
-
-    def read_command(self, packet: bytes) -> tuple[int, int, Array]:
-        """Number, the state's number, and v."""
-        number, answers, *v = self._command.unpack(packet)
-        return number, answers, np.array(v)
-
-
 @dataclass
 class Account:
     """Where every command went, as the arm saw it.
 
-    ``received`` is the sum of used, superseded, refused and disordered.
+    ``received`` is the sum of used, superseded, refused, disordered and after_halt; what is
+    foreign, malformed, forged or replayed is not in it.
 
     Attributes:
         cycles: of the arm, from the first command used to the last.
@@ -94,6 +69,13 @@ class Account:
         held: cycles without a new command, in which the joints went on as they were.
         overslept: cycles that the arm itself began too late to run.
         stopped: times that it stopped by itself, for no command came.
+        halted: 1 if the controller halted it.
+        ran_on: cycles that the joints went on after the last command used, until that.
+        after_halt: commands that came after that, and did nothing.
+        foreign: packets from elsewhere than the controller.
+        malformed: packets of another length, or with numbers that mean nothing.
+        forged: packets that were not made with the key.
+        replayed: packets that had come before.
         rcm_max_mm: largest distance of the trocar from the shaft's axis.
         speed_end: largest joint speed at the end [rad/s].
     """
@@ -111,6 +93,13 @@ class Account:
     held: int = 0
     overslept: int = 0
     stopped: int = 0
+    halted: int = 0
+    ran_on: int = 0
+    after_halt: int = 0
+    foreign: int = 0
+    malformed: int = 0
+    forged: int = 0
+    replayed: int = 0
     rcm_max_mm: float = 0.0
     speed_end: float = 0.0
 
@@ -118,23 +107,31 @@ class Account:
 class Box:
     """The arm and its account; knows no clock and no socket."""
 
-    def __init__(self, insertion: Insertion, period: float) -> None:
+    def __init__(self, insertion: Insertion, period: float, patience: int = PATIENCE) -> None:
+        """At home and at rest; ``patience`` is how many cycles without a command it goes on."""
         self.insertion, self.period, self.account = insertion, period, Account()
         self.q, self.v = np.array(insertion.q_start), np.zeros(insertion.arm.nv)
         self.number = 0
         self._waiting: tuple[int, Array] | None = None
-        self._without = 0
+        self._without, self._patience, self._numbers = 0, patience, Numbers()
 
     def receive(self, number: int, answers: int, v: Array) -> None:
         """Take a command that has arrived; the next cycle uses it."""
         account = self.account
+        place = self._numbers.place(number)
+        if place == "again":
+            account.replayed += 1
+            return
         account.received += 1
-        if number <= account.highest:
+        if place == "older":
             account.disordered += 1
             account.lost -= 1  # it was missed when the newer one came
             return
         account.lost += number - account.highest - 1
         account.highest = number
+        if account.halted:
+            account.after_halt += 1
+            return
         if self.number - answers > TOO_OLD:
             account.refused += 1
             return
@@ -142,12 +139,21 @@ class Box:
             account.superseded += 1
         self._waiting = (answers, v)
 
+    def halt(self) -> None:
+        """Stop the joints, and take no command any more."""
+        account = self.account
+        if account.halted:
+            return
+        account.halted, account.ran_on = 1, self._without if self.v.any() else 0
+        account.after_halt += self._waiting is not None
+        self._waiting, self.v = None, np.zeros_like(self.v)
+
     def cycle(self, periods: int = 1) -> None:
         """Use what has arrived and move on, by more than one period if cycles were overslept."""
         account = self.account
         if self._waiting is None:
             self._without += periods
-            if self._without > PATIENCE and self.v.any():
+            if self._without > self._patience and self.v.any():
                 self.v = np.zeros_like(self.v)
                 account.stopped += 1
         else:
@@ -173,50 +179,134 @@ class Box:
         return self.account
 
 
-def serve(arm: str, period: float) -> None:
-    """Be the box until stdin closes."""
-    insertion = insertion_of(arm)
-    box, packets = Box(insertion, period), Packets(insertion.arm.nq, insertion.arm.nv)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
-        udp.bind((HOST, 0))
-        print(json.dumps({"port": udp.getsockname()[1]}), flush=True)
-        _, whom = udp.recvfrom(64)  # says hello
-        udp.connect(whom)
-        udp.setblocking(False)
-        clock = time.perf_counter
-        start = clock()
-        done = 0
-        while True:
-            due = start + (done + 1) * period
-            while (left := due - clock()) > 0.0:
-                ready, _, _ = select.select([udp, sys.stdin], [], [], left)
-                if sys.stdin in ready:
-                    _drain(udp, packets, box)
-                    box.cycle()
-                    print(json.dumps(asdict(box.close())), flush=True)
-                    return
-                first = not box.account.received
-                _drain(udp, packets, box)
-                if first and box.account.received:  # half a period to answer, half to be late
-                    start, done = clock() - 0.5 * period, 0
-                    due = start + period
-            periods = max(1, int((clock() - start) / period) - done)
-            box.cycle(periods)
-            done += periods
-            try:
-                udp.send(packets.state(box.number, box.q, box.v))
-            except OSError:  # nobody listens any more
-                pass
+class Door:
+    """What comes from the sockets, looked at before the box gets it."""
 
+    def __init__(self, packets: Packets, box: Box) -> None:
+        self._packets, self._box = packets, box
 
-def _drain(udp: socket.socket, packets: Packets, box: Box) -> None:
-    while True:
+    def opens(self, packet: bytes) -> bool:
+        """Whether this packet, the first from its sender, makes that the controller."""
+        return self._passes(packet) is Kind.HELLO
+
+    def take(self, packet: bytes) -> None:
+        """Do what a packet from the controller's address asks, if the controller made it."""
+        if self._passes(packet) is Kind.HELLO:  # it has said so already
+            self._box.account.replayed += 1
+
+    def _passes(self, packet: bytes) -> Kind | None:
+        box = self._box
         try:
-            packet = udp.recv(4096)
-        except OSError:  # no more, or nobody there any more
-            return
-        box.receive(*packets.read_command(packet))
+            order = self._packets.read_order(packet)
+        except Rejected as error:
+            account, fault = box.account, error.fault
+            setattr(account, fault, getattr(account, fault) + 1)
+            return None
+        if order.kind is Kind.MOVE:
+            box.receive(order.number, order.answers, order.v)
+        elif order.kind is Kind.HALT:
+            box.halt()
+        return order.kind
+
+
+def serve(arm: str, period: float, patience: int = PATIENCE) -> None:
+    """Be the box until stdin closes."""
+    key = bytes.fromhex(sys.stdin.readline())
+    insertion = insertion_of(arm)
+    box = Box(insertion, period, patience)
+    packets = Packets(insertion.arm.nq, insertion.arm.nv, key)
+    door = Door(packets, box)
+    with _socket() as everybody:
+        everybody.bind((HOST, 0))
+        port = everybody.getsockname()[1]
+        print(json.dumps({"port": port}), flush=True)
+        whom = _visitor(everybody, door)
+        if whom is not None:
+            with _socket() as udp:
+                _bind_beside(udp, everybody, whom)
+                _serve(udp, everybody, packets, door, box)
+        print(json.dumps(asdict(box.close())), flush=True)
+
+
+def _socket() -> socket.socket:
+    return socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+
+def _visitor(udp: socket.socket, door: Door) -> tuple[str, int] | None:
+    """Who says hello with the key; None where stdin closes before."""
+    while True:
+        ready, _, _ = select.select([udp, sys.stdin], [], [])
+        if sys.stdin in ready:
+            return None
+        packet, (host, port) = udp.recvfrom(4096)
+        if door.opens(packet):
+            return host, port
+
+
+def _bind_beside(udp: socket.socket, everybody: socket.socket, whom: tuple[str, int]) -> None:
+    """Give the controller a socket of its own at the same port.
+
+    The kernel hands what comes from the controller's address to the connected socket, and all
+    else to the other one: a flood from elsewhere fills that one's buffer only.
+    """
+    for each in (udp, everybody):
+        each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    udp.bind(everybody.getsockname())
+    udp.connect(whom)
+    for each in (udp, everybody):  # nobody else may have the port
+        each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+        each.setblocking(False)
+
+
+def _serve(
+    udp: socket.socket, everybody: socket.socket, packets: Packets, door: Door, box: Box
+) -> None:
+    """Cycles, from the hello until stdin closes."""
+    clock, period = time.perf_counter, box.period
+    start = clock()
+    done = 0
+    while True:
+        due = start + (done + 1) * period
+        while (left := due - clock()) > 0.0:
+            ready, _, _ = select.select([udp, sys.stdin], [], [], left)
+            if sys.stdin in ready:
+                while _drain(udp, door) == AT_ONCE:
+                    pass
+                box.cycle()
+                return
+            first = not box.account.received
+            _drain(udp, door)
+            if first and box.account.received:  # half a period to answer, half to be late
+                start, done = clock() - 0.5 * period, 0
+                due = start + period
+        periods = max(1, int((clock() - start) / period) - done)
+        box.cycle(periods)
+        done += periods
+        box.account.foreign += len(_arrived(everybody))
+        try:
+            udp.send(packets.state(box.number, box.q, box.v))
+        except OSError:  # nobody listens any more
+            pass
+
+
+def _drain(udp: socket.socket, door: Door) -> int:
+    """Take what has come from the controller's address; how many packets."""
+    found = _arrived(udp)
+    for packet in found:
+        door.take(packet)
+    return len(found)
+
+
+def _arrived(udp: socket.socket) -> list[bytes]:
+    """Packets that have come, AT_ONCE at most: a flood must not hold up the joints."""
+    found = list[bytes]()
+    try:
+        while len(found) < AT_ONCE:
+            found.append(udp.recv(4096))
+    except OSError:  # no more, or nobody there any more
+        pass
+    return found
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1], float(sys.argv[2]))
+    serve(sys.argv[1], float(sys.argv[2]), *map(int, sys.argv[3:]))
