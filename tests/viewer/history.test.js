@@ -45,6 +45,12 @@ for (const rows of [2, 3, 4, 7, 600])
     assert.equal(history.columns.pair, memory);
   });
 
+test("half is dropped at once, so that few pushes move what is kept", () => {
+  const history = new History({ time: 1 }, 100);
+  for (let i = 0; i < 101; i++) history.push({ time: [i] });
+  assert.deepEqual([history.count, history.dropped], [51, 50]);
+});
+
 test("a row of another size is refused, and nothing of it is kept", () => {
   const history = new History({ time: 1, point: 3 }, 4);
   history.push({ time: [1], point: [1, 2, 3] });
