@@ -93,7 +93,7 @@ def test_a_live_trail_keeps_its_newest_points_only(recorded: Opened, run: Run) -
     far = np.linalg.norm(run.tip[:, None] - trail, axis=-1)
     assert far.min(axis=0).max() < 1e-6  # each is a tip
     rows = far.argmin(axis=0)
-    assert (np.diff(rows) > 0).all()  # in their order
+    assert set(np.diff(rows)) == {1}  # in their order, without a gap: it moves fast by now
     assert 16 <= len(rows) <= 32
     assert np.linalg.norm(run.tip[rows[-1] :] - trail[-1], axis=1).max() <= 1e-4  # to the end
     assert shown.js("rcmqp.stretches()") <= 62
