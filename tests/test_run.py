@@ -26,6 +26,7 @@ from rcmqp import (
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_writable
 from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.head import Head
 from rcmqp.runs.run_file import RunFile
 from rcmqp.show.report.groups import groups_of
 from rcmqp.show.report.remake import remake_text
@@ -346,11 +347,10 @@ def test_a_failed_save_leaves_the_folder_as_it_was(
 ) -> None:
     before = saved.read_bytes()
 
-    def fail_halfway(self: Run, file: h5py.File) -> None:
-        file["time"] = self.time
+    def fail_halfway(self: Head, file: h5py.File, digest: str) -> None:
         raise failure
 
-    monkeypatch.setattr(Run, "_write", fail_halfway)
+    monkeypatch.setattr(Head, "write", fail_halfway)
     expected = RunFileError if isinstance(failure, OSError) else KeyboardInterrupt
     for target in (saved, saved.with_name("new.h5")):
         with pytest.raises(expected):
