@@ -173,8 +173,8 @@ def compute_metrics(run: Recording) -> Metrics:
         "obstacle_distance_min_mm": 1e3 * found["obstacle"].low,
         "singular_value_min": found["singular_value"].low,
         "tip_speed_rms_mm_s": 1e3 * asked["tip_speed"].rms,
-        "solve_time_median_us": 1e6 * np.percentile(solve_time, 50),
-        "solve_time_p99_us": 1e6 * np.percentile(solve_time, 99),
+        "solve_time_median_us": 1e6 * np.nanpercentile(solve_time, 50),
+        "solve_time_p99_us": 1e6 * np.nanpercentile(solve_time, 99),
     }
     return Metrics(**{name: float(value) for name, value in values.items()})
 
