@@ -110,10 +110,11 @@ class LoopRecorder:
     period from a row to the next. The rows of the loop's safe stop are safe stops in the file,
     with the reason; what was asked last stays the pose asked for there.
 
-    The loop only packs a row, in a few microseconds; a thread hands the rows to a process of
-    ordinary priority, which writes the file. A disk that is slow or full never holds up the loop.
-    If more than BACKLOG cycles wait for the disk, recording ends there, and what came before is
-    kept; if the disk is full, nothing is kept. close() says so, and so does the loop's report.
+    The loop only packs a row, after its command has left, which takes some 15 us. A thread hands
+    the rows to a process of ordinary priority, which writes the file. A disk that is slow or full
+    never holds up the loop. If more than BACKLOG cycles wait for the disk, recording ends there,
+    and what came before is kept; if the disk is full, nothing is kept. close() says so, and so
+    does the loop's report.
 
     The file has its name once it is whole, after the loop. If the loop's process is killed, even
     by SIGKILL, the other one ends the file with the cycles that it was given, up to 10 ms before,
@@ -194,7 +195,7 @@ class LoopRecorder:
         stop: str,
         solve_time: float,
     ) -> None:
-        """Take a cycle. It takes some microseconds, and never raises.
+        """Take a cycle; see realtime.recording.Recording. It never raises.
 
         Args:
             due: when the cycle was due [s].
@@ -238,7 +239,8 @@ class LoopRecorder:
         if self._thread.is_alive():
             self._thread.join()
         nothing = [np.full(size, nan) for size in self._packing.sizes]
-        end = Row._make((nan, nan, {}, *nothing, fault or self._fault))
+        why = fault or (self._fault and f"recorded until here only: {self._fault}")
+        end = Row._make((nan, nan, {}, *nothing, why))
         self._write(self._packing.pack(end))
         answer = self._answer()
         self._end()
