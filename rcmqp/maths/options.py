@@ -89,6 +89,11 @@ def between(low: float, high: float, unit: str = "") -> Metadata:
     return _number(f"between {low:.6g} and {high:.6g}", lambda x: low < x < high, unit)
 
 
+def from_to(low: float, high: float, unit: str = "") -> Metadata:
+    """A number between two others, or one of them, in ``unit``."""
+    return _number(f"from {low:.6g} to {high:.6g}", lambda x: low <= x <= high, unit)
+
+
 def finite(unit: str = "") -> Metadata:
     """A finite number, in ``unit``."""
     return _number("finite", math.isfinite, unit)
