@@ -16,10 +16,10 @@ import numpy as np
 from rcmqp._kernel import all_finite, record
 from rcmqp.controllers.account import explained
 from rcmqp.controllers.braking import Brake
-from rcmqp.controllers.checks import as_numbers, fault, is_usable
+from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import check, positive, refused
 from rcmqp.qp import HierarchySolution, InvalidProblem
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
@@ -83,7 +83,7 @@ class Controller(abc.ABC):
     enforces: ClassVar[tuple[str, ...] | None] = None
 
     insertion: Insertion
-    period: float
+    period: float = field(metadata=positive("s"))
 
     def __init_subclass__(cls, **options: Any) -> None:
         """No class goes by the name of the one that it derives from."""
@@ -92,16 +92,16 @@ class Controller(abc.ABC):
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
 
     def __post_init__(self) -> None:
-        """Check the period, and that each option is of its default's kind.
+        """Check that each option is of its default's kind, and as its field declares.
 
         Raises:
-            OptionError: one is not.
+            OptionError, UnknownName: one is not.
         """
         for item in dataclasses.fields(self):
             if item.init and isinstance(item.default, bool | float | str):
                 _check_kind(item.name, getattr(self, item.name), type(item.default))
-        if not 0.0 < self.period < math.inf:
-            raise OptionError(f"period = {self.period} s, it must be positive")
+        check(self)
+        check_gains(self, self.period)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -183,4 +183,4 @@ class Controller(abc.ABC):
 def _check_kind(name: str, value: object, kind: type) -> None:
     allowed: dict[type, tuple[type, ...]] = {bool: (bool,), float: (float, int), str: (str,)}
     if not isinstance(value, allowed[kind]) or (kind is float and isinstance(value, bool)):
-        raise OptionError(f"{name} = {value!r}, it must be a {kind.__name__}")
+        raise refused(name, value, f"a {kind.__name__}")

@@ -25,7 +25,7 @@ from rcmqp.errors import OptionError, UnknownName
 T = TypeVar("T")
 
 Rule: TypeAlias = Callable[[str, Any], Any]
-Metadata: TypeAlias = Mapping[str, Rule]
+Metadata: TypeAlias = Mapping[str, Any]
 """What ``dataclasses.field(metadata=...)`` is given."""
 
 KEY = "rule"
@@ -37,7 +37,7 @@ def options(cls: type[T]) -> type[T]:
     It stands above ``@dataclass``. Defaults do not pass the rules: declare them as they are kept.
     """
     kind: Any = cls
-    init, rules = kind.__init__, _rules(kind)
+    init, rules = kind.__init__, declared(cls, KEY)
     names = [item.name for item in dataclasses.fields(kind) if item.init]
 
     def kept(name: str, value: Any) -> Any:
@@ -59,8 +59,21 @@ def check(made: object) -> None:
     Raises:
         OptionError, UnknownName: a value is not allowed.
     """
-    for name, take in _rules(type(made)).items():
+    for name, take in declared(type(made), KEY).items():
         take(name, getattr(made, name))
+
+
+def declared(cls: type, key: str) -> dict[str, Any]:
+    """What the metadata of a dataclass's fields have under ``key``, by name of the field.
+
+    A derived class that gives a field another default keeps what was declared of it.
+    """
+    return {
+        name: item.metadata[key]
+        for kind in reversed(cls.__mro__)
+        for name, item in vars(kind).get("__dataclass_fields__", {}).items()
+        if key in item.metadata
+    }
 
 
 def refused(name: str, value: object, allowed: str, unit: str = "") -> OptionError:
@@ -158,9 +171,3 @@ def _real(value: Any) -> float:
         return float(value)
     except OverflowError:  # an int beyond 1e308
         return math.nan
-
-
-def _rules(cls: Any) -> dict[str, Rule]:
-    return {
-        item.name: item.metadata[KEY] for item in dataclasses.fields(cls) if KEY in item.metadata
-    }
