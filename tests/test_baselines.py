@@ -990,7 +990,7 @@ def test_an_unknown_name_is_answered_with_the_nearest(
 @pytest.mark.parametrize("numbers", [(1.0, 1.0), (1.0, 0.0), (1.0, 2.0), (math.nan, 0.5)])
 def test_thresholds_in_the_wrong_order_are_refused(numbers: tuple[float, float]) -> None:
     with pytest.raises(
-        OptionError, match="m_1 = nan|m_2 = .*it must be (positive|below m_1 = 1.0)"
+        OptionError, match=r"m_1 = nan|m_2 = .*it must be (positive|below m_1 = 1.0)"
     ):
         TaskReconstruction(*numbers)
 

@@ -20,7 +20,7 @@ from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, positive, refused
-from rcmqp.qp import HierarchySolution, InvalidProblem
+from rcmqp.qp import HierarchySolution, InvalidProblem, WrongShape
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
@@ -42,17 +42,19 @@ class Command:
         account: what the controller's solver says of the step, for whoever asks; None where
             there is none.
         stop: why this is the safe stop, in words; empty where it is not.
+        error: what the law raised, where that is why.
     """
 
     v: Array
     diagnostics: dict[str, float] = field(default_factory=dict)
     account: object | None = None
     stop: str = ""
+    error: Exception | None = None
 
     @classmethod
     def of(cls, v: Array, diagnostics: dict[str, float], account: object | None = None) -> Self:
         """Command(v, diagnostics, account), in a third of the time."""
-        return record(cls, v, diagnostics, account, "")
+        return record(cls, v, diagnostics, account, "", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +125,11 @@ class Controller(abc.ABC):
         """Forget the run so far."""
 
     def step(self, state: ArmState, reference: Reference) -> Command:
-        """The joint velocity to hold until the next cycle: the law's, or the safe stop."""
+        """The joint velocity to hold until the next cycle: the law's, or the safe stop.
+
+        Raises:
+            WrongShape: the law, a task or a limit has an array of a wrong shape.
+        """
         if not is_usable(state, reference):
             state, reference = as_numbers(state, reference)
             wrong = fault(state, reference)
@@ -131,8 +137,11 @@ class Controller(abc.ABC):
                 return self.safe_stop(state, wrong)
         try:
             answer = self._step(state, reference)
+        except WrongShape:
+            raise
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
-            return self.safe_stop(state, f"{type(error).__name__}: {error}")
+            stop = self.safe_stop(state, f"{type(error).__name__}: {error}")
+            return dataclasses.replace(stop, error=error)
         if not all_finite(answer.v) or float(np.abs(answer.v).max()) > ABSURD:
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
