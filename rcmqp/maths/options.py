@@ -63,6 +63,15 @@ def check(made: object) -> None:
         take(name, getattr(made, name))
 
 
+def allowed(name: str, value: Any, metadata: Metadata) -> Any:
+    """An argument of a function or a plain class, as the rule of a field would keep it.
+
+    Raises:
+        OptionError, UnknownName: it is not allowed.
+    """
+    return metadata[KEY](name, value)
+
+
 def declared(cls: type, key: str) -> dict[str, Any]:
     """What the metadata of a dataclass's fields have under ``key``, by name of the field.
 
