@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import importlib
 import math
 import pickle
+import pkgutil
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,9 +19,11 @@ import pytest
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.options import (
     Metadata,
+    allowed,
     at_least,
     between,
     check,
+    declared,
     finite,
     from_to,
     one_of,
@@ -33,13 +38,7 @@ from rcmqp.maths.options import (
 PACKAGE = Path(__file__).parents[1] / "rcmqp"
 
 STILL_OPEN = {
-    "controllers/aghakhani.py",
-    "controllers/damped.py",
-    "controllers/dual_quaternion.py",
     "controllers/hierarchical_qp.py",
-    "controllers/task_priority.py",
-    "controllers/vfi_qp.py",
-    "controllers/weighted_qp.py",
     "limits/base.py",
     "limits/joints.py",
     "limits/spheres.py",
@@ -137,6 +136,53 @@ def test_rules_make_plain_values() -> None:
     assert part(Unchecked)["rule"]("load", {"mass": 2.0}) == Unchecked(2.0)
     with pytest.raises(UnknownName, match="unknown colour 'gren'; did you mean green"):
         one_of("colour", ("red", "green"))["rule"]("paint", "gren")
+
+
+@dataclass(frozen=True)
+class Heavier(Unchecked):
+    """Another default."""
+
+    mass: float = 2.0
+
+
+def test_a_derived_class_with_another_default_keeps_the_bounds() -> None:
+    check(Heavier())
+    with pytest.raises(OptionError, match=r"mass = 0\.1 kg"):
+        check(Heavier(0.1))
+
+
+def test_arguments_are_taken_by_the_same_rules() -> None:
+    assert allowed("points", 3.0, whole(1)) == 3
+    with pytest.raises(
+        OptionError, match=r"^points = 0, it must be a whole number of at least 1$"
+    ):
+        allowed("points", 0, whole(1))
+
+
+def with_rules() -> list[type]:
+    """Every dataclass of the package that declares a rule."""
+    for module in pkgutil.walk_packages([str(PACKAGE)], "rcmqp."):
+        if module.name != "rcmqp.__main__" and "browser" not in module.name:
+            importlib.import_module(module.name)
+    objects = (
+        x
+        for name, module in [*sys.modules.items()]
+        if name.startswith("rcmqp.")
+        for x in vars(module).values()
+    )
+    kinds = {x for x in objects if isinstance(x, type) and dataclasses.is_dataclass(x)}
+    return sorted((x for x in kinds if declared(x, "rule")), key=lambda x: x.__qualname__)
+
+
+def test_defaults_are_what_the_rules_keep() -> None:
+    kinds = with_rules()
+    assert len(kinds) > 30
+    for kind in kinds:
+        rules = declared(kind, "rule")
+        for item in dataclasses.fields(kind):
+            if item.name in rules and item.default is not dataclasses.MISSING:
+                kept = rules[item.name](item.name, item.default)
+                assert (kept, type(kept)) == (item.default, type(item.default)), (kind, item.name)
 
 
 def test_no_frozen_object_is_changed() -> None:
