@@ -927,7 +927,11 @@ def test_variants_take_minus_x_d_for_x_d_and_share_no_memory(
 @each_baseline
 @pytest.mark.parametrize("gain", [0.0, -1.0, 250.0, math.nan, math.inf])
 def test_an_unstable_gain_is_refused_with_the_number(name: str, gain: float) -> None:
-    with pytest.raises(OptionError, match=rf"= {gain * PERIOD:.3g}; .*inside \(0, 2\)"):
+    if 0.0 < gain < math.inf:
+        message = rf"= {gain * PERIOD:.3g}, it must be below 2, or the law is unstable"
+    else:
+        message = f"gain = {gain} 1/s, it must be positive and finite"
+    with pytest.raises(OptionError, match=message):
         made(name, inserted("lwa3"), gain=gain)
 
 
@@ -985,7 +989,9 @@ def test_an_unknown_name_is_answered_with_the_nearest(
 
 @pytest.mark.parametrize("numbers", [(1.0, 1.0), (1.0, 0.0), (1.0, 2.0), (math.nan, 0.5)])
 def test_thresholds_in_the_wrong_order_are_refused(numbers: tuple[float, float]) -> None:
-    with pytest.raises(OptionError, match="0 < m_2 < m_1"):
+    with pytest.raises(
+        OptionError, match=r"m_1 = nan|m_2 = .*it must be (positive|below m_1 = 1.0)"
+    ):
         TaskReconstruction(*numbers)
 
 

@@ -104,11 +104,11 @@ def test_an_operator_does_not_depend_on_how_many_there_are() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"delay": -0.1}, "delay = -0.1, it must be finite and 0 or more"),
+        ({"delay": -0.1}, "delay = -0.1 s, it must be finite and 0 or more"),
         ({"tremor": math.nan}, "tremor = nan"),
-        ({"speed": 0.0}, "speed = 0, it must be positive"),
-        ({"tremor_damping": 1.0}, "tremor_damping = 1.0 between 0 and 1"),
-        ({"recognition_shape": 0.0}, "recognition_shape = 0.0, must be positive"),
+        ({"speed": 0.0}, "speed = 0.0 m/s, it must be positive"),
+        ({"tremor_damping": 1.0}, "tremor_damping = 1.0, it must be between 0 and 1"),
+        ({"recognition_shape": 0.0}, "recognition_shape = 0.0, it must be positive"),
     ],
 )
 def test_a_person_that_cannot_be_is_refused(changes: dict[str, float], message: str) -> None:

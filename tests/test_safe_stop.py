@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.plants import PLANTS
 from rcmqp.plants.kinematic import KinematicDrive
-from rcmqp.qp import InvalidProblem, SolverNotInstalled, solver_names
+from rcmqp.qp import InvalidProblem, SolverNotInstalled, WrongShape, solver_names
 from rcmqp.references.paths import ConicalHelix
 from rcmqp.references.view import carried
 from rcmqp.world.arm import ArmState
@@ -390,6 +391,7 @@ def test_a_law_that_finds_no_number_stops_safely(answer: Any, reason: str) -> No
     state = inserted().state(inserted().q_start, v)
     found = law.step(state, view(inserted()))
     assert found.stop == reason
+    assert found.error is (answer if isinstance(answer, Exception) else None)
     assert np.array_equal(found.v, law.safe_stop(state, reason).v)
     assert 0.0 < np.linalg.norm(found.v) < np.linalg.norm(v)
     object.__setattr__(law, "answer", v)
@@ -398,10 +400,11 @@ def test_a_law_that_finds_no_number_stops_safely(answer: Any, reason: str) -> No
     assert followed.diagnostics == {"number": 7.0, "safe_stop": 0.0}
 
 
-def test_a_law_that_is_wrong_in_itself_is_not_hushed_up() -> None:
+@pytest.mark.parametrize("error", [KeyError("typo"), WrongShape("A has shape (2,)")])
+def test_a_law_that_is_wrong_in_itself_is_not_hushed_up(error: Exception) -> None:
     law = Law(inserted(), T)
-    object.__setattr__(law, "answer", KeyError("typo"))
-    with pytest.raises(KeyError, match="typo"):
+    object.__setattr__(law, "answer", error)
+    with pytest.raises(type(error), match=re.escape(str(error))):
         law.step(inserted().state(inserted().q_start), view(inserted()))
 
 

@@ -640,7 +640,7 @@ def test_scenarios_are_loaded_with_limits_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_limits_that_do_not_fit_are_refused(helix: Scenario) -> None:
-    with pytest.raises(OptionError, match=r"limits = 8, they must be an ArmLimits, or None"):
+    with pytest.raises(OptionError, match=r"limits = 8, it must be of type ArmLimits, or None"):
         dataclasses.replace(helix, limits=8)  # type: ignore[arg-type]
     with pytest.raises(OptionError, match=r"has shape \(6,\), the arm has 7 joints"):
         load_scenario("conical_helix", "lwa3", jerk=[1.0] * 6).insertion()

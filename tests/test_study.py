@@ -9,6 +9,7 @@ import io
 import json
 import math
 import os
+import pickle
 import platform
 import re
 import resource
@@ -489,6 +490,15 @@ def test_what_cannot_be_made_is_found_before_the_work(short: str, tmp_path: Path
         Study(operators=0)
     with pytest.raises(OptionError, match="tremor cannot be shown"):
         Law(period=0.1)
+
+
+def test_a_law_is_unpickled_where_its_controller_is_not_known_yet(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(CONTROLLERS, "later", CONTROLLERS["damped"])
+    sent = pickle.dumps(Law("later", 0.02))
+    monkeypatch.delitem(CONTROLLERS, "later")
+    assert pickle.loads(sent).name == "later"
 
 
 # What is in the files ----------------------------------------------------------------------

@@ -8,12 +8,14 @@ import hashlib
 import itertools
 import json
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.maths.options import options, refused, rule, whole
 from rcmqp.references.operators import CameraTrial, Learning, Operator, operator_of_study
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.scenario import Scenario
@@ -29,8 +31,13 @@ PERIOD = 1e-3
 Stamp = tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class Law:
+class _Law(NamedTuple):
+    name: str
+    period: float
+    options: tuple[tuple[str, Any], ...]
+
+
+class Law(_Law):
     """A controller, its period and its options.
 
     Attributes:
@@ -39,23 +46,28 @@ class Law:
         options: of the controller, by name.
     """
 
-    name: str = "dual_quaternion"
-    period: float = None  # type: ignore[assignment]  # filled in
-    options: tuple[tuple[str, Any], ...] = ()
+    __slots__ = ()
 
-    def __post_init__(self) -> None:
+    def __new__(
+        cls,
+        name: str = "dual_quaternion",
+        period: float | None = None,
+        options: tuple[tuple[str, Any], ...] = (),
+    ) -> Self:
         """Check the name and fill in the period."""
-        object.__setattr__(self, "name", self.name.replace("-", "_"))
-        if self.name not in CONTROLLERS:
-            raise UnknownName("controller", self.name, CONTROLLERS)
-        if self.period is None:
-            period = PAPERS_PERIOD if self.name == "dual_quaternion" else PERIOD
-            object.__setattr__(self, "period", period)
-        if not 0.0 < self.period < 0.04:
-            raise OptionError(
-                f"period = {self.period} s, it must be positive and below 0.04 s, or an "
-                "operator's tremor cannot be shown"
-            )
+        name = name.replace("-", "_")
+        if name not in CONTROLLERS:
+            raise UnknownName("controller", name, CONTROLLERS)
+        if period is None:
+            period = PAPERS_PERIOD if name == "dual_quaternion" else PERIOD
+        if not 0.0 < period < 0.04:
+            allowed = "positive and below 0.04 s, or an operator's tremor cannot be shown"
+            raise refused("period", period, allowed, "s")
+        return super().__new__(cls, name, period, options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the check: a worker may learn of the controller later."""
+        return type(self)._make, (tuple(self),)
 
     def __str__(self) -> str:
         """Name, period and options."""
@@ -145,6 +157,14 @@ class Trial:
         return dataclasses.replace(base, path=path, seed=seed)
 
 
+def _distinct(name: str, values: Iterable[Any]) -> tuple[Any, ...]:
+    values = tuple(values)
+    if not values or len(set(values)) < len(values):
+        raise refused(name, values, "at least one, and none twice")
+    return values
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class Study:
     """Every operator with every arm and controller.
@@ -165,22 +185,16 @@ class Study:
     """
 
     scenario: str = "camera_task"
-    operators: int = 20
+    operators: int = field(default=20, metadata=whole(1))
     seed: int = 0
-    arms: tuple[str, ...] = ("",)
-    laws: tuple[Law, ...] = (Law(),)
+    arms: tuple[str, ...] = field(default=("",), metadata=rule(_distinct))
+    laws: tuple[Law, ...] = field(default=(Law(),), metadata=rule(_distinct))
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        if not (isinstance(self.operators, int) and self.operators > 0):
-            raise OptionError(f"operators = {self.operators!r}, it must be a whole number above 0")
-        for name in ("arms", "laws"):
-            values = getattr(self, name)
-            if not values or len(set(values)) < len(values):
-                raise OptionError(f"{name} = {values}: at least one, and none twice")
+        """Check the flange and the seed."""
         if self.flange is not None and not set(self.arms).difference(("", *arm_names())):
             raise OptionError(f"flange = {self.flange} is for a URDF, and none of the arms is one")
         operator_of_study(0, self.seed)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rcmqp.errors import OptionError
+from rcmqp.maths.options import options, or_none, part, positive
 from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators.camera_task import CameraTask
 from rcmqp.references.operators.learning import Learning
@@ -16,6 +16,7 @@ from rcmqp.references.operators.steering import Steering
 from rcmqp.world.insertion import Insertion
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class CameraTrial:
     """One operator, one device, one task; ends when the task is done.
@@ -30,30 +31,12 @@ class CameraTrial:
             people who stay as they are, which is the model of the study.
     """
 
-    operator: Operator = field(default_factory=Operator)
-    task: CameraTask = field(default_factory=CameraTask)
-    device: Omega7 = field(default_factory=Omega7)
-    mapping: HandMapping = field(default_factory=HandMapping)
-    duration: float = 600.0
-    learning: Learning | None = None
-
-    def __post_init__(self) -> None:
-        """Make the parts of what a file says of them, and check the duration."""
-        parts = (
-            ("operator", Operator),
-            ("task", CameraTask),
-            ("device", Omega7),
-            ("mapping", HandMapping),
-            *((("learning", Learning),) if self.learning is not None else ()),
-        )
-        for name, kind in parts:
-            value = getattr(self, name)
-            if isinstance(value, Mapping):
-                object.__setattr__(self, name, kind(**value))
-            elif not isinstance(value, kind):
-                raise OptionError(f"{name} = {value!r}, it must be of type {kind.__name__}")
-        if not 0.0 < self.duration < math.inf:
-            raise OptionError(f"duration = {self.duration} s, it must be positive")
+    operator: Operator = field(default_factory=Operator, metadata=part(Operator))
+    task: CameraTask = field(default_factory=CameraTask, metadata=part(CameraTask))
+    device: Omega7 = field(default_factory=Omega7, metadata=part(Omega7))
+    mapping: HandMapping = field(default_factory=HandMapping, metadata=part(HandMapping))
+    duration: float = field(default=600.0, metadata=positive("s"))
+    learning: Learning | None = field(default=None, metadata=or_none(part(Learning)))
 
     def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
         """The operator at the device; equal arguments do the same to the bit.
