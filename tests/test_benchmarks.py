@@ -10,6 +10,7 @@ from pathlib import Path
 from rcmqp import arm_names
 
 SIMULATION = Path(__file__).parent.parent / "benchmarks" / "simulation.py"
+EXTENSIONS = Path(__file__).parent.parent / "benchmarks" / "extensions.py"
 SAFE_STOPS = Path(__file__).parent.parent / "benchmarks" / "safe_stops.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
 REST = Path(__file__).parent.parent / "benchmarks" / "rest.py"
@@ -72,6 +73,18 @@ def test_what_simulate_adds_is_a_row_for_each_law() -> None:
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
     assert [row[0] for row in rows] == ["dual_quaternion", "hierarchical_qp"]
     assert all(len(row) == 4 and float(row[1]) > 0.0 for row in rows)
+
+
+def test_extensions_has_a_line_for_each_task_and_limit_in_python() -> None:
+    done = subprocess.run(
+        [sys.executable, EXTENSIONS, "--cycles", "120"], capture_output=True, text=True, check=True
+    )
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
+    named = {row[0].split(":")[0] for row in rows}
+    assert {"README's task", "README's limit", "RCM > DirectionTask > roll"} <= named
+    assert all(len(row) == 6 and float(row[1].split()[0]) > 0.0 for row in rows)
+    in_python = [row for row in rows if float(row[4].split()[0]) > 0.0]
+    assert len(in_python) == 5
 
 
 def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> None:

@@ -21,6 +21,7 @@ from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import C8, Array
 from rcmqp.maths.options import at_least, between, finite, one_of, positive
 from rcmqp.references.view import Reference
+from rcmqp.tasks.base import block_of
 from rcmqp.tasks.objectives import Objective, make_objective
 from rcmqp.world.arm import ArmState
 
@@ -33,13 +34,13 @@ class Compiled(NamedTuple):
     """What compiled code needs besides state and reference.
 
     Attributes:
-        objective: its number and its numbers; None where only Python knows it.
+        objective: its compiled form; None where only Python knows it.
         numbers: (7,) the options and RANK_TOLERANCE, in the order that the kernel reads.
         speeds: (nv,) speed limits of the joints [rad/s].
         velocity_limit: index of the option in VELOCITY_LIMITS.
     """
 
-    objective: tuple[Any, ...] | None
+    objective: Block | None
     numbers: Array
     speeds: Array
     velocity_limit: int
@@ -147,9 +148,8 @@ class DualQuaternion(Controller):
     @functools.cached_property
     def _compiled(self) -> Compiled:
         options = (self.gain, self.K_c, self.c_d, self.tolerance, self.damping, self.damping_from)
-        program = self._objective.program()
         return Compiled(
-            program and (program[0], *program[1]),
+            block_of(self._objective),
             np.array([*options, RANK_TOLERANCE]),
             self.insertion.arm.velocity,
             VELOCITY_LIMITS.index(self.velocity_limit),
@@ -170,7 +170,7 @@ class DualQuaternion(Controller):
             state.angles,
             reference.x_d,
             reference.x_d_dot,
-            law.objective or (None, *self._objective.evaluate(state)),
+            law.objective or self._objective.evaluate(state),
             law.numbers,
             law.speeds,
             self.feed_forward,
