@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmqp import _kernel
+from rcmqp._kernel import Block
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import Given
