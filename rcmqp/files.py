@@ -1,10 +1,10 @@
-"""Files that are whole or not there; folders; names; tables in Markdown."""
+"""Files that are whole or not there; folders; names."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -93,9 +93,3 @@ def why(error: OSError | RuntimeError) -> str:
 def _part(target: Path) -> Path:
     """Where a file is written before it gets its name."""
     return target.with_name(f".{os.getpid()}.{target.name}")
-
-
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """A table whose first ``left`` columns, of names, are to the left, numbers to the right."""
-    rule = ["---"] * left + ["---:"] * (len(heads) - left)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))

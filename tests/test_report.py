@@ -117,7 +117,7 @@ def test_every_file_that_the_page_names_is_there_and_no_other_address(folder: Pa
     text = (folder / "index.html").read_text()
     named = set(re.findall(r'(?:src|href)="([^"]*)"', text)) - {"data:,"}
     assert all((folder / name).stat().st_size > 0 for name in named)
-    assert {name.rpartition(".")[2] for name in named} == {"png", "pdf", "html", "csv"}
+    assert {name.rpartition(".")[2] for name in named} == {"png", "pdf", "html", "csv", "tex"}
     assert text.count("<iframe") == 2
 
 
