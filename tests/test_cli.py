@@ -561,7 +561,7 @@ def test_python_dash_m_is_the_command_line() -> None:
     [
         (("-a", "nosuch"), "unknown arm 'nosuch'"),
         (("-a", "panda", "-c", "foo"), "unknown controller 'foo'"),
-        (("-a", "panda", "--jobs", "0"), "--jobs 0"),
+        (("-a", "panda", "--jobs", "0"), "jobs = 0"),
         (("-a", "panda", "--flange", "tool0"), "--flange is for a URDF"),
         (("-a", "panda", "-c", "damped", "--set", "backend=daqp"), "option of damped 'backend'"),
         (("-a", "panda", "--set", "feed_forward"), "write NAME=VALUE"),

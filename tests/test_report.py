@@ -158,7 +158,7 @@ def test_names_are_text_wherever_they_stand(runs: list[Run], tmp_path: Path) -> 
     page = (tmp_path / "index.html").read_text()
     linked = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert {re.sub(r"^(view|trajectories|errors)_.*_lwa3", "", each) for each in linked} == {
-        *("data:,", ".html", ".png", ".pdf", "report.csv")
+        *("data:,", ".html", ".png", ".pdf", "report.csv", "report.tex")
     }
     assert not re.search("<(em|i|b)>", page)
     shown = html.unescape(re.sub("<[^>]*>", "", page))

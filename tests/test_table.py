@@ -22,7 +22,7 @@ LONG = "a_name_" * 40
 CELLS = (
     "a | b",
     "two\nlines",
-    "R&D 100 % _x_ #1 $5 {x} ~ ^ \\ \\end{tabular}",
+    'R&D "100 %" _x_ #1 $5 {x} ~ ^ \\ \\end{tabular}',
     "[0.1, 0.3] ± 0.2 µm",
     "* starred",
     "<b>bold</b> <script>",
@@ -117,7 +117,7 @@ def unescaped(cell: str) -> str:
         "textless": "<",
         "textgreater": ">",
         "textbar": "|",
-        "textquotedbl": '"',
+        "char34": '"',
         "textasciigrave": "`",
         "textpm": "±",
         "textmu": "µ",

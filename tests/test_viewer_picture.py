@@ -287,7 +287,7 @@ def test_the_table_says_the_metrics_of_every_run(shown: Opened, runs: list[Run])
             "step of a joint's speed over its limit, max": np.abs(
                 np.diff(run.v, axis=0, prepend=0.0) / run.velocity_limit
             ).max(),
-            "controller step, median [\u00b5s]": 1e6 * np.median(run.solve_time),
+            "controller step, median [us]": 1e6 * np.median(run.solve_time),
             "cycles in the safe stop": 0.0,
         }.items():
             rounded = 0.5 if "median" in name else 5e-4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import runpy
 from pathlib import Path
 
@@ -17,7 +18,15 @@ from rcmqp.runs.measures import Measure
 from rcmqp.runs.metrics import Metrics
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show.labels import joint_units, unit_of
-from rcmqp.show.tables import Row, columns_explained, metrics_table, row_of, tables
+from rcmqp.show.tables import (
+    Row,
+    columns_explained,
+    metrics_meanings,
+    metrics_table,
+    row_of,
+    tables,
+)
+from rcmqp.show.viewer.build import page
 
 ROOT = Path(__file__).parents[1]
 UNITS = {"mm": "mm", "mrad": "mrad", "us": "us", "s": "s", "hz": "Hz", "ms": "ms", "rad": "rad"}
@@ -74,9 +83,19 @@ def test_every_column_of_a_comparison_is_explained() -> None:
             assert f"- **{head}**: " in text
 
 
+def test_every_row_of_a_page_is_explained() -> None:
+    short = load_scenario("conical_helix", "ur5", duration=0.02)
+    run = simulate(short, make_controller("damped", short.insertion(), short.period))
+    explained = metrics_meanings()
+    assert [row[0] for row in metrics_table([run], ["a"]).rows] == [*explained]
+    text = page([run])
+    for name, meaning in explained.items():
+        assert f"<dt>{html.escape(name)}</dt><dd>{html.escape(meaning)}</dd>" in text
+
+
 def test_the_page_of_measures_is_written_from_the_vocabulary() -> None:
-    page = runpy.run_path(str(ROOT / "benchmarks" / "measures_page.py"))["page"]()
-    assert (ROOT / "docs" / "measures.md").read_text(encoding="utf-8") == page
+    made = runpy.run_path(str(ROOT / "benchmarks" / "measures_page.py"))["page"]()
+    assert (ROOT / "docs" / "measures.md").read_text(encoding="utf-8") == made
 
 
 def slider(folder: Path) -> str:

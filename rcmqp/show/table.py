@@ -28,7 +28,7 @@ _LATEX = {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
+    '"': r"\char34{}",  # some languages of babel give " a meaning
     "`": r"\textasciigrave{}",
     "-": "{-}",  # two or three of them would make a dash
     "[": "{[}",  # after a line's end, LaTeX takes [ and * for the line end's own
