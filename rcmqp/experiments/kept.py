@@ -7,7 +7,6 @@ import inspect
 import json
 from pathlib import Path
 
-import rcmqp
 from rcmqp.controllers import Controller
 from rcmqp.errors import RunFileError
 from rcmqp.runs.run import Run
@@ -54,7 +53,7 @@ def _plain(options: object) -> str:
 @functools.cache
 def _own_code() -> float:
     """When a file of rcmqp's code was last changed."""
-    folder = Path(rcmqp.__file__).parent
+    folder = Path(__file__).parents[1]
     files = [*folder.rglob("*.py"), *folder.glob("*.so"), *folder.glob("*.pyd")]
     return max(file.stat().st_mtime for file in files)
 

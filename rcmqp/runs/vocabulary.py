@@ -150,6 +150,7 @@ _METRICS = (
             "mm",
             "Insertion depth of the tip beyond the trocar.",
             how,
+            style=".1f",
             fixed=".1f",
         )
         for kind, how in (("min", "least"), ("max", "max"))
