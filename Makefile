@@ -1,5 +1,6 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
 # make tables: the tables of README.md and docs/, each by the command in front of it; some minutes.
+# make lint, make types: Python and the viewer's JavaScript; they need npm for the latter.
 # make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
 VENV ?= .venv
@@ -7,6 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
+NODE := node_modules/.package-lock.json
 
 .PHONY: demo pictures tables test franka lint types check clean
 
@@ -27,12 +29,14 @@ test: $(INSTALLED)
 franka: $(FRANKA)
 	OMP_NUM_THREADS=1 timeout 900 $(BIN)/python -m pytest tests/franka
 
-lint: $(INSTALLED)
+lint: $(INSTALLED) $(NODE)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	node_modules/.bin/oxlint
 
-types: $(INSTALLED)
+types: $(INSTALLED) $(NODE)
 	$(BIN)/mypy
+	node_modules/.bin/tsc
 
 check: lint types test
 
@@ -42,10 +46,15 @@ $(INSTALLED): pyproject.toml setup.py $(wildcard rcmqp/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
+$(NODE): package.json package-lock.json
+	@command -v npm >/dev/null || { echo "make lint and make types need Node.js 20 or newer with npm for the viewer's scripts: apt-get install nodejs npm" >&2; exit 1; }
+	npm ci --ignore-scripts --no-audit --no-fund
+	touch $@
+
 $(FRANKA): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pylibfranka==0.21.3' || \
 		{ echo "make franka needs Franka's client, pylibfranka, from PyPI; make test does without" >&2; exit 1; }
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-franka build dist *.egg-info results
+	rm -rf $(VENV) .venv-franka node_modules build dist *.egg-info results

@@ -1,8 +1,10 @@
-"""Files that are whole or not there; folders; names."""
+"""Files that are whole or not there, on shared folders too; folders; names."""
 
 from __future__ import annotations
 
+import itertools
 import os
+import platform
 import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -10,26 +12,58 @@ from pathlib import Path
 
 from rcmqp.errors import OptionError, RunFileError
 
+_COUNT = itertools.count()
+"""Numbers the part files of this process."""
+
 
 @contextmanager
 def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Another name, of the same ending, to write a file to; it takes its own when it is whole.
+    """Write a file atomically: yield a part file's path, rename it to ``path`` at the end.
 
-    What was there under its own name stays until then, and if anything goes wrong.
+    What ``path`` held before stays until then, and stays if the block raises. The part file is in
+    the same folder, has the same ending, and names this host and process, so several hosts may
+    share the folder. A process that is killed leaves its part file; the next one that writes into
+    the folder on the same host removes it, see sweep().
 
     Raises:
         RunFileError: the file cannot be written.
     """
     target = Path(path).resolve()
+    sweep(target.parent)
     part = _part(target)
     try:
         yield part
+        with part.open("rb+") as stream:
+            os.fsync(stream.fileno())  # on the disk before it has its name
         part.replace(target)
     except (OSError, RuntimeError) as error:  # h5py raises either
         reason = why(error).replace(str(part), str(target))
         raise RunFileError(Path(path), f"could not be written: {reason}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file in UTF-8, atomically.
+
+    Raises:
+        RunFileError: it cannot be written.
+    """
+    with whole(path) as part:
+        part.write_bytes(text.encode())
+
+
+def sweep(folder: Path) -> int:
+    """Remove the part files of processes of this host that are gone; return how many.
+
+    Part files of other hosts stay: whether their processes run cannot be seen from here.
+    """
+    mine = re.compile(rf"\..*@{re.escape(_host())}@(\d+)-\d+\.part(\.\w+)?")
+    found = ((file, mine.fullmatch(file.name)) for file in folder.glob(".*.part*"))
+    left = [file for file, match in found if match and not _runs(int(match[1]))]
+    for file in left:
+        file.unlink(missing_ok=True)
+    return len(left)
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:
@@ -60,8 +94,9 @@ def check_writable(path: str | os.PathLike[str]) -> None:
             raise RunFileError(path, "is no regular file; give the name of one")
         if not path.parent.is_dir():
             raise RunFileError(path, f"there is no folder {path.parent}; make it first")
-        _part(path).touch()
-        _part(path).unlink()
+        part = _part(path)
+        part.touch()
+        part.unlink()
     except OSError as error:
         raise RunFileError(path, f"cannot be written: {why(error)}") from error
 
@@ -91,5 +126,22 @@ def why(error: OSError | RuntimeError) -> str:
 
 
 def _part(target: Path) -> Path:
-    """Where a file is written before it gets its name."""
-    return target.with_name(f".{os.getpid()}.{target.name}")
+    """A name, used once, for a file that is not whole yet."""
+    name = f".{target.stem[:100]}@{_host()}@{os.getpid()}-{next(_COUNT)}.part{target.suffix}"
+    return target.with_name(name)
+
+
+def _host() -> str:
+    """Name of this host, fit for a file's name."""
+    return re.sub(r"[^\w.-]", "_", platform.node()) or "unknown"
+
+
+def _runs(process: int) -> bool:
+    """Whether this host has a process of that number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True  # another user's
+    return True

@@ -34,6 +34,7 @@ def small() -> Run:
         acceleration_limit=np.array([2.0, np.inf]),
         jerk_limit=np.array([5.0, np.inf]),
         time=np.array([0.0, 0.5, 1.0, 1.5]),
+        path_time=np.array([0.0, 0.5, 1.0, 1.5]),
         q=np.zeros((4, 3)),
         q_measured=np.zeros((4, 3)),
         angles=np.array([[0.0, 9.0], [1.0, -9.0], [1.75, 0.0], [-0.5, 0.0]]),

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
-import platform
-import subprocess
-import sys
 import tracemalloc
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -24,6 +20,7 @@ from rcmqp.runs.head import SIGNATURE
 from rcmqp.runs.recorder import Recorder
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import versions
+from rcmqp.runs.writer import RunWriter
 from rcmqp.world.arm import ArmState
 
 EARLIER = SIGNATURE + b"earlier"
@@ -241,29 +238,10 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(
     def full(*_: object) -> None:
         raise OSError("no space left")
 
-    monkeypatch.setattr(Recorder, "_put", full)
+    monkeypatch.setattr(RunWriter, "_put", full)
     with pytest.raises(RunFileError, match="no space left"):
         record(recorder(), rows)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_only_what_a_dead_process_of_this_machine_left_is_swept(
-    recorder: Callable[..., Recorder], rows: list[Row], tmp_path: Path
-) -> None:
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    here, left = platform.node(), list[str]()
-    for host, process, stays in (
-        (here, dead.pid, False),
-        (here, os.getppid(), True),
-        (f"{here}.else", dead.pid, True),
-        ("elsewhere", dead.pid, True),
-    ):
-        path = tmp_path / f".run.h5.{host}.{process}.recording"
-        path.touch()
-        left += [path.name] * stays
-    record(recorder(), rows)
-    assert {path.name for path in tmp_path.iterdir()} == {*left, "run.h5"}
 
 
 def test_memory_does_not_grow_with_the_run(

@@ -14,9 +14,7 @@ from rcmqp import Run, Scenario, compute_metrics, load_scenario, make_controller
 from rcmqp.cli.console import warnings
 from rcmqp.controllers import Controller
 from rcmqp.errors import RunFileError
-from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs import extent as extents
-from rcmqp.runs.extent import Extent, FirstRows, percentile
+from rcmqp.runs.extent import Extent
 from rcmqp.runs.head import SIGNATURE
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record
@@ -101,7 +99,7 @@ def test_a_longer_run_takes_no_more_memory(tmp_path: Path) -> None:
     assert peaks[1] < peaks[0] + 6.0
 
 
-# Least, largest, percentiles ---------------------------------------------------------------
+# Least, largest ----------------------------------------------------------------------------
 
 
 def test_an_extent_does_not_depend_on_the_blocks() -> None:
@@ -111,32 +109,6 @@ def test_an_extent_does_not_depend_on_the_blocks() -> None:
     assert (found.count, found.low, found.high) == (1000, values.min(), values.max())
     assert abs(found.rms - np.sqrt(np.mean(values**2))) < 1e-15
     assert np.isnan(Extent().rms)
-
-
-@pytest.mark.parametrize("share", [0.0, 12.3, 50.0, 95.0, 99.0, 100.0])
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.random.default_rng(7).normal(size=401) ** 2,
-        np.random.default_rng(7).integers(0, 3, 400).astype(float),
-        10.0 ** np.random.default_rng(7).uniform(-300.0, 300.0, 400),
-        np.repeat([-0.0, 0.0, 1.0], 40),
-        np.repeat([1.0, np.nan, 2.0], [200, 1, 100]),
-    ],
-    ids=["errors", "many alike", "of every size", "zeros", "no number"],
-)
-def test_a_percentile_in_blocks_is_numpys_to_the_bit(
-    values: Array, share: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(extents, "AT_ONCE", 64)
-    np.testing.assert_array_equal(
-        percentile(values, share), np.percentile(values, share)
-    )  # NaN is NaN
-    for count in (1, 63, 64, 65, 119, 1000):
-        first = FirstRows(values, count)
-        np.testing.assert_array_equal(
-            percentile(first, share), np.percentile(values[:count], share)
-        )
 
 
 # Killed half way ---------------------------------------------------------------------------
@@ -159,10 +131,10 @@ def test_a_killed_recording_keeps_the_earlier_file_and_the_next_one_sweeps_up(
         assert process.stdout is not None
         process.stdout.readline()
         process.kill()
-    (left,) = tmp_path.glob(".run.h5.*")
+    (left,) = tmp_path.glob(".run@*")
     assert path.read_bytes() == EARLIER
     scenario = load_scenario("conical_helix", "ur5", duration=0.01)
-    others = tmp_path / f".run.h5.{os.getpid()}0.txt"
+    others = tmp_path / f".run@{os.getpid()}0.txt"
     others.touch()
     record(scenario, made(scenario), path)
     assert len(Run.load(path).time) == 11

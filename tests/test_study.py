@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import io
 import json
 import math
 import os
+import platform
 import re
 import resource
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,10 +26,11 @@ import pytest
 from helpers import assert_allclose
 from matplotlib.figure import Figure
 
-from rcmqp import Insertion, Instrument, Run, compute_metrics, load_arm, simulate
+from rcmqp import Insertion, Instrument, Run, compute_metrics, files, load_arm, simulate
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion
 from rcmqp.errors import OptionError, RunFileError, UnknownName
+from rcmqp.experiments.study import record as study_record
 from rcmqp.experiments.study.fingerprint import fingerprint
 from rcmqp.experiments.study.outcome import outcome_of
 from rcmqp.experiments.study.perform import RUNS, Performed, perform, run_trial, trial_file
@@ -104,13 +108,51 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
         process.wait()
     done = {path: path.stat().st_mtime_ns for path in (folder / RUNS).glob("[!.]*.h5")}
     assert 2 <= len(done) < 8
-    (folder / RUNS / f".left.h5.{process.pid}.part").write_bytes(b"half a file")
+    (folder / RUNS / f".left@{platform.node()}@{process.pid}-0.part.h5").write_bytes(
+        b"half a file"
+    )
     (folder / RUNS / ".x.part").touch()  # somebody else's
     again = perform(study(str(file), 8), folder)
     assert {path: path.stat().st_mtime_ns for path in done} == done
     assert text_of(again) == text_of(perform(study(str(file), 8), tmp_path / "whole"))
     assert any("removed 1 unfinished file" in note for note in again.notes)
     assert [file.name for file in (folder / RUNS).glob(".*")] == [".x.part"]
+
+
+def test_two_hosts_on_one_folder_lose_nothing(
+    short: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A whole study of a second host runs while the first one is in the midst of a file.
+
+    To the second host, the process number of the first is that of a process that has ended.
+    """
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    chosen, folder = study(short, 3), tmp_path / "shared"
+    seconds, whole = list[Performed](), files.whole
+
+    @contextlib.contextmanager
+    def slow(path: Path) -> Iterator[Path]:
+        with whole(path) as part:
+            part.write_bytes(b"half")
+            if not seconds:
+                with monkeypatch.context() as second:
+                    second.setattr(platform, "node", lambda: "second")
+                    second.setattr(os, "getpid", os.getppid)
+                    second.setattr(study_record, "whole", whole)
+                    seconds.append(perform(chosen, folder))
+            assert part.read_bytes() == b"half"
+            yield part
+
+    monkeypatch.setattr(platform, "node", lambda: "first")
+    monkeypatch.setattr(os, "getpid", lambda: ended.pid)
+    monkeypatch.setattr(study_record, "whole", slow)
+    first = perform(chosen, folder)
+    (second,) = seconds
+    assert text_of(first) == text_of(second) == text_of(perform(chosen, tmp_path / "alone"))
+    assert not first.notes
+    assert not second.notes
+    assert not list((folder / RUNS).glob(".*"))
 
 
 def test_trials_that_another_version_ran_are_told_of(short: str, tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rcmqp.cli.console import out
+from rcmqp.controllers import Controller
 from rcmqp.controllers.settings import options_of
 
 
@@ -24,6 +26,9 @@ def loopback(
     priority: Annotated[
         bool, typer.Option("--priority", help="Ask for real-time priority (SCHED_FIFO).")
     ] = False,
+    file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to record the run into, HDF5.")
+    ] = None,
 ) -> None:
     """Control a simulated arm in another process in real time, at 1 kHz, over UDP.
 
@@ -31,15 +36,28 @@ def loopback(
 
       rcmqp loopback --minutes 10 --busy --priority
 
+      rcmqp loopback --out real.h5, and then rcmqp show real.h5, rcmqp view real.h5
+
     Prints what the loop and the arm counted: deadlines missed, delays, and where every command
     went. Ends with exit code 1 where the loop stopped before its time, and after Ctrl-C or
     SIGTERM, which stop the arm first, with 130 or 143.
     """
     from rcmqp.realtime.loopback import run_loopback
+    from rcmqp.runs.loop_record import LoopRecorder
 
     options = options_of(controller, settings or [])
+
+    def recorder(made: Controller) -> LoopRecorder | None:
+        return None if file is None else LoopRecorder(file, made, "loopback")
+
     report = run_loopback(
-        60.0 * minutes, arm=arm, controller=controller, busy=busy, priority=priority, **options
+        60.0 * minutes,
+        arm=arm,
+        controller=controller,
+        busy=busy,
+        priority=priority,
+        record=recorder,
+        **options,
     )
     out.print(report.as_markdown(), markup=False, highlight=False, soft_wrap=True)
     stop = report.loop.stop

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import bisect
-import itertools
 import math
 from dataclasses import dataclass
+
+import numpy as np
 
 _R20 = "1 1.12 1.25 1.4 1.6 1.8 2 2.24 2.5 2.8 3.15 3.55 4 4.5 5 5.6 6.3 7.1 8 9".split()
 """Renard's series of twenty numbers a decade (ISO 3)."""
@@ -36,10 +37,11 @@ class Latency:
 
     def quantile(self, share: float) -> float:
         """A delay [s] that ``share`` of all do not exceed, to the width of a bin; 0 for none."""
-        seen = itertools.accumulate(self.counts)
-        found = (k for k, count in enumerate(seen) if 0 < count >= share * self.total)
-        edges = (*EDGES, math.inf)
-        return min(edges[next(found, 0)], self.worst)
+        if not self.total:
+            return 0.0
+        counts = np.cumsum(self.counts)
+        k = int(np.searchsorted(counts, max(share * self.total, 1)))
+        return min((*EDGES, math.inf)[k], self.worst)
 
     def above(self, delay: float) -> int:
         """How many exceeded ``delay`` [s], one of EDGES."""

@@ -30,6 +30,7 @@ from rcmqp.realtime.checks import (
 )
 from rcmqp.realtime.deadlines import Deadlines, Ticks
 from rcmqp.realtime.priority import time_waited
+from rcmqp.realtime.recording import Asked, Notes, Recording
 from rcmqp.realtime.report import LoopReport, Stop
 from rcmqp.realtime.signals import KeptSignals
 from rcmqp.realtime.watchdog import LoopHung, Watchdog
@@ -75,6 +76,7 @@ class RealtimeLoop:
         reference_age: float = 0.05,
         lateness: float | None = None,
         hung: float | None = None,
+        record: Recording | None = None,
         timing: Deadlines | None = None,
     ) -> None:
         """Arguments as of run_realtime(); ``timing`` is run_realtime()'s own.
@@ -113,6 +115,7 @@ class RealtimeLoop:
         self._braking: Array | None = None
         self._reads, self._stop_asked = True, False
         self._thread, self._waited_before, self._waited = 0, math.nan, math.nan
+        self._notes, self._recorded = Notes(record, self.arm), ""
 
     def __enter__(self) -> Self:
         """Warm up; nothing moves yet.
@@ -137,9 +140,18 @@ class RealtimeLoop:
             with contextlib.suppress(BaseException):  # what cannot wait must still stop
                 time.sleep(self.timing.period)
         self._end()
+        self.finish_record()
 
     def warm_up(self) -> None:
         """Let everything run once that the loop and its stop will, but for sending."""
+        self._notes.start()
+        try:
+            self._warm_up()
+        except BaseException:
+            self._notes.close("")
+            raise
+
+    def _warm_up(self) -> None:
         for _ in range(WARM_UP):
             q, self.v = as_reading(self.robot.read(), self.arm)  # measured: nothing is commanded
             check_speed(self.v, self.arm, "moves before the loop begins", "let the arm rest")
@@ -177,6 +189,10 @@ class RealtimeLoop:
                 pass
         return self.report()
 
+    def finish_record(self) -> None:
+        """Wait, once the arm is at rest, until what was recorded is kept."""
+        self._recorded += self._notes.close("" if self._stop is None else self._stop.fault)
+
     def report(self) -> LoopReport:
         """What happened so far; ``stop`` is how the loop ended, once it has."""
         timing, watchdog = self.timing, self.watchdog
@@ -195,6 +211,7 @@ class RealtimeLoop:
             stop=dataclasses.replace(stop, signal=self.signals.caught),
             halted=watchdog is not None and watchdog.halted,
             waited=self._waited,
+            recorded=self._recorded,
         )
 
     def _advance(self) -> bool:
@@ -282,7 +299,7 @@ class RealtimeLoop:
     def _cycle(self) -> None:
         timing, call = self.timing, self.signals.call
         now = timing.now()
-        q, _ = as_reading(call(self.robot.read), self.arm)
+        q, v_read = as_reading(call(self.robot.read), self.arm)
         v = call(self._command, now, q)
         late = timing.now() - timing.due + timing.slip
         if (hung := self._hung()) is not None:
@@ -291,8 +308,10 @@ class RealtimeLoop:
             raise LoopFault(f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s")
         call(self.robot.send, v)
         self.v, self.a = v, (v - self.v) / timing.period
-        held = timing.now() - timing.due
+        due, sent = timing.due, timing.now()
+        held = sent - due
         timing.sent()
+        self._notes.sent(due, now, sent, (q, v_read), v)
         if held > self.lateness:
             raise LoopFault(f"send() took until {held:.4g} s, allowed {self.lateness:.4g} s")
 
@@ -301,7 +320,9 @@ class RealtimeLoop:
         period = self.timing.period
         newest = check_stamp(self.references(now), now, self.reference_age, ahead=period)
         state = self.controller.insertion.state(q, self.v, self.a)
+        start = time.perf_counter()
         answer = self.controller.step(state, newest.reference)
+        solve_time = time.perf_counter() - start
         command = self.check.passed(answer.v, state.angles, self.v, self.a)
         self.angles, self.read_at = state.angles, now
         if self.watching is not None:
@@ -309,11 +330,12 @@ class RealtimeLoop:
         if np.isfinite(newest.reference.pivot).all():
             self.pivot = np.asarray(newest.reference.pivot, dtype=float)
         self.controller_stops += answer.diagnostics.get("safe_stop", 0.0) > 0.0
+        self._notes.asked = Asked(newest, self.pivot, answer, solve_time)
         return command
 
     def _brake(self) -> None:
         """One cycle of the safe stop, sent whatever else fails."""
-        timing = self.timing
+        timing, self._notes.reading = self.timing, None
         with contextlib.suppress(BaseException):  # what cannot wait must still stop
             timing.wait()
         if self._reads and self._braking is not None and self._hung() is None:
@@ -322,12 +344,18 @@ class RealtimeLoop:
             self._note_hung()
             self._end()
             return
+        sent = True
         try:
             self.signals.call(self.robot.send, self._braking)
         except BaseException:  # noqa: BLE001  (the next may get through)
-            self.unsent += 1
+            sent, self.unsent = False, self.unsent + 1
+        due = timing.due
         with contextlib.suppress(BaseException):
             timing.sent()
+        if sent:
+            with contextlib.suppress(BaseException):
+                fault = self._stop.fault if self._stop is not None else ""
+                self._notes.braked(due, timing, self._braking, fault)
         self._beat()
         self._braking = next(self._rest, None)
         if self._braking is None:
@@ -346,7 +374,7 @@ class RealtimeLoop:
         with contextlib.suppress(BaseException):
             began = self.timing.now()
             with contextlib.suppress(BaseException):
-                self.signals.call(self.robot.read)
+                self._notes.reading = as_reading(self.signals.call(self.robot.read), self.arm)
             return self.timing.now() - began <= self.lateness
         return False
 

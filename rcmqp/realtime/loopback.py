@@ -8,16 +8,17 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import Controller, make_controller
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime import simulated_arm
 from rcmqp.realtime.packets import Packets, Rejected, new_key
 from rcmqp.realtime.priority import real_time_priority
+from rcmqp.realtime.recording import Recording
 from rcmqp.realtime.report import LoopReport
 from rcmqp.realtime.run import run_realtime
 from rcmqp.realtime.simulated_arm import AT_ONCE, HOST, TOO_OLD, Account, insertion_of
@@ -224,6 +225,7 @@ def run_loopback(
     period: float = 1e-3,
     busy: bool = False,
     priority: bool = False,
+    record: Callable[[Controller], Recording | None] = lambda controller: None,
     **options: Any,
 ) -> LoopbackReport:
     """Circles of the tip, by a simulated arm in another process, for ``duration`` [s].
@@ -238,6 +240,7 @@ def run_loopback(
         period: of both ends [s].
         busy: keep one core busy with something else meanwhile.
         priority: run both ends at real-time priority, as a real controller would.
+        record: makes, of the controller, what keeps the run, see run_realtime(); None for nothing.
         options: of the controller.
 
     Raises:
@@ -257,6 +260,7 @@ def run_loopback(
     def references(t: float) -> Stamped:
         return Stamped(view_pose(insertion.x_rcm, path.command(t, insertion.tip_depth)), t)
 
+    keeper = record(made)
     key = new_key()
     packets = Packets(insertion.arm.nq, insertion.arm.nv, key)
     with contextlib.ExitStack() as stack:
@@ -267,7 +271,7 @@ def run_loopback(
         box = stack.enter_context(arm_process(arm, period, key))
         robot = UdpArm(port_of(box), packets)
         with contextlib.closing(robot):
-            loop = run_realtime(robot, made, references, duration)
+            loop = run_realtime(robot, made, references, duration, record=keeper)
         account = account_of(box)
     return LoopbackReport(loop, robot.sent, robot.readings, account)
 

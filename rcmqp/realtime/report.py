@@ -46,6 +46,7 @@ class LoopReport:
         answer: from when a cycle was due to when its command was sent.
         stop: how it ended.
         halted: the watch-dog called the robot's halt(), and that returned.
+        recorded: what was kept of the run; empty where nothing was to be.
         waited: how long the loop's thread could have run and waited for a processor [s]; NaN
             where the system does not count it.
     """
@@ -63,6 +64,7 @@ class LoopReport:
     stop: Stop
     halted: bool = False
     waited: float = math.nan
+    recorded: str = ""
 
     def rows(self) -> list[tuple[str, str]]:
         """What was counted, and how much of it."""
@@ -81,6 +83,7 @@ class LoopReport:
             ("commands not taken", f"{self.unsent}"),
             ("ended", f"at {self.stop.at:.3f} s, {self.stop.fault or 'as asked'}"),
             ("safe stop", self._safe_stop()),
+            *([("recorded", self.recorded)] if self.recorded else []),
         ]
 
     def _safe_stop(self) -> str:

@@ -12,6 +12,7 @@ from rcmqp.errors import OptionError
 from rcmqp.realtime.checks import Halting, LoopFault, Robot, Watching
 from rcmqp.realtime.deadlines import Deadlines
 from rcmqp.realtime.loop import HOLD, WARM_UP, RealtimeLoop
+from rcmqp.realtime.recording import Recording
 from rcmqp.realtime.report import LoopReport
 from rcmqp.realtime.watchdog import LoopHung
 from rcmqp.references.view import Stamped
@@ -23,6 +24,7 @@ __all__ = [
     "LoopFault",
     "LoopHung",
     "RealtimeLoop",
+    "Recording",
     "Robot",
     "Stamped",
     "Watching",
@@ -40,6 +42,7 @@ def run_realtime(
     lateness: float | None = None,
     hung: float | None = None,
     spin: float = 200e-6,
+    record: Recording | None = None,
     clock: Callable[[], float] = time.perf_counter,
     sleep: Callable[[float], None] = time.sleep,
 ) -> LoopReport:
@@ -91,6 +94,9 @@ def run_realtime(
             robot is halted; ten periods more than ``lateness``, if not given.
         spin: the last bit of the wait that is spun, not slept [s]: sleeping wakes late. 0 leaves
             the core to others and costs punctuality.
+        record: keeps what each cycle read, asked and sent, the safe stop included; such as
+            rcmqp.runs.loop_record.LoopRecorder, which writes a run's file beside the loop. The
+            report says what was kept.
         clock: seconds, never going back.
         sleep: waits for some seconds.
 
@@ -115,11 +121,16 @@ def run_realtime(
         reference_age=reference_age,
         lateness=lateness,
         hung=hung,
+        record=record,
         timing=timing,
     )
     loop.warm_up()
-    with loop.signals.kept(), _no_garbage_collection():
-        return loop.run()
+    try:
+        with loop.signals.kept(), _no_garbage_collection():
+            loop.run()
+    finally:
+        loop.finish_record()
+    return loop.report()
 
 
 @contextlib.contextmanager

@@ -6,7 +6,8 @@ import numpy as np
 
 from rcmqp import _kernel
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs.run import PART, Run
+from rcmqp.runs.channels import PART
+from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
 
 

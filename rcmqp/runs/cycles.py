@@ -5,18 +5,42 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.controllers.base import SAFE_STOP, Controller
+from rcmqp.controllers.base import SAFE_STOP
+from rcmqp.controllers.given import Given
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.channels import CHANNELS, PART
 from rcmqp.runs.derived import Derived
-from rcmqp.runs.run import PART, Run
+from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
+from rcmqp.world.insertion import Insertion
 
-ROW = ("q", "q_measured", "angles", "v", "v_actual", "v_measured", "x", "x_d", "J")
+ROW = (*(name for name, channel in CHANNELS.items() if channel.source == "cycle"), "J")
 """What a cycle leaves: channels of Run; and J (6, nv), the effector's Jacobian J_local."""
+
+
+class Described(Protocol):
+    """What a run's file says of a controller: a Controller, or what is known of one elsewhere."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def options(self) -> Mapping[str, Any]: ...  # noqa: D102
+
+    @property
+    def given(self) -> Given: ...  # noqa: D102
+
+    @property
+    def diagnostics(self) -> Mapping[str, tuple[str, str]]: ...  # noqa: D102
+
+    @property
+    def insertion(self) -> Insertion: ...  # noqa: D102
 
 
 class Cycles:
@@ -32,7 +56,7 @@ class Cycles:
     def __init__(
         self,
         scenario: Scenario,
-        controller: Controller,
+        controller: Described,
         versions: Mapping[str, str],
         size: int = PART,
     ) -> None:
@@ -47,8 +71,9 @@ class Cycles:
         arm = controller.insertion.arm
         self._scenario, self._controller, self._versions = scenario, controller, dict(versions)
         self._derived = Derived(scenario, controller.insertion)
-        sizes = {"q": (arm.nq,), "q_measured": (arm.nq,), "x": (8,), "x_d": (8,), "J": (6, arm.nv)}
-        self.shapes = {name: sizes.get(name, (arm.nv,)) for name in ROW}
+        sizes = {"n": 1, "nq": arm.nq, "nv": arm.nv}
+        self.shapes = {name: CHANNELS[name].sizes(**sizes)[1:] for name in ROW if name != "J"}
+        self.shapes["J"] = (6, arm.nv)
         self.size = size
         self._ends = np.cumsum([math.prod(shape) for shape in self.shapes.values()]).tolist()
         self._table = np.empty((size, self._ends[-1]))
@@ -65,6 +90,8 @@ class Cycles:
         stop: str,
         *row: Array,
         path_time: float | None = None,
+        time: float | None = None,
+        pivot: ArrayLike | None = None,
     ) -> None:
         """Take a cycle.
 
@@ -75,10 +102,16 @@ class Cycles:
             stop: why the controller stopped safely; empty where it did not.
             row: what ROW names, C-contiguous arrays of float64.
             path_time: on the path's own clock [s]; the time, if not given.
+            time: when the cycle was [s]; one period after the last, if no cycle's is given.
+            pivot: (3,) trocar in the world [m]; where the scenario has it, if no cycle's is given.
         """
         _kernel.store(self._table, len(self._times), *row)
         self._times.append(solve_time)
         self._path_times.append(math.nan if path_time is None else path_time)
+        if time is not None:
+            self._seen.setdefault("time", []).append(time)
+        if pivot is not None:
+            self._seen.setdefault("pivot", []).append(pivot)
         self._diagnostics.append(dict(diagnostics))
         if stop:
             self._stops.setdefault(stop, []).append(len(self._times) - 1)
@@ -95,6 +128,7 @@ class Cycles:
             name: np.array([numbers.get(name, math.nan) for numbers in self._diagnostics])
             for name in names
         }
+        rows |= {name: np.array(values, dtype=float) for name, values in self._seen.items()}
         rows |= self._derived.of(rows)
         del rows["J"]
         path_time = np.array(self._path_times)
@@ -130,5 +164,6 @@ class Cycles:
     def _forget(self) -> None:
         self._times: list[float] = []
         self._path_times: list[float] = []
+        self._seen: dict[str, list[ArrayLike]] = {}
         self._diagnostics: list[dict[str, float]] = []
         self._stops: dict[str, list[int]] = {}

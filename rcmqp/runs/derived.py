@@ -32,7 +32,7 @@ class Derived:
 
         Args:
             rows: x, x_d (n, 8) as dual quaternions of either sign, and J (n, 6, nv), the
-                effector's Jacobian.
+                effector's Jacobian; time (n,) and pivot (n, 3), if they are not the scenario's.
 
         Returns:
             Arrays of n rows: every channel of Run that is not in what a cycle leaves; and x and
@@ -42,13 +42,14 @@ class Derived:
         cycles = range(self._done, self._done + len(rows["x"]))
         self._done = cycles.stop
         T = scenario.period
-        pivot = scenario.pivots(cycles)
+        pivot = rows["pivot"] if "pivot" in rows else scenario.pivots(cycles)
+        even = T * np.arange(cycles.start, cycles.stop, dtype=float)
         x = self._continuous(rows["x"])
         x_d = dq.align_sign(rows["x_d"], x)
         axis = np.array(scenario.trocar.axis)
         tip, tip_d, seen = _kernel.observed(x, x_d, pivot, axis, insertion.tip_depth)
         return {
-            "time": T * np.arange(cycles.start, cycles.stop, dtype=float),
+            "time": rows.get("time", even),
             "pivot": pivot,
             "x": x,
             "x_d": x_d,

@@ -184,12 +184,6 @@ def _equal(a: Rows, b: Rows, block: int) -> bool:
     )
 
 
-def about(name: str, known: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Unit and meaning of one of a controller's diagnostics, as its dataset has them."""
-    unit, meaning = known.get(name, ("", "(n,) see the controller"))
-    return {"unit": unit, "meaning": meaning}
-
-
 @contextlib.contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     """A run's file, open for reading; what goes wrong inside is said of the file.

@@ -14,7 +14,7 @@ from rcmqp.references.operators import Steered
 from rcmqp.references.paths import Foreign
 from rcmqp.runs.behaviour import Behaviour, Standstill, standstill
 from rcmqp.runs.contour import Contour
-from rcmqp.runs.extent import Extent, FirstRows, percentile
+from rcmqp.runs.extent import Extent
 from rcmqp.runs.jerk import JerkRatio
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
@@ -103,6 +103,7 @@ def compute_metrics(run: Recording) -> Metrics:
             asked[name].add(channel[: max(0, len(channel) - late)])
         behaviour.add(part.v, part.velocity_limit, part.tip, part.tip_d)
         before = part
+    solve_time = run.column("solve_time")[:]
     has_limit = np.isfinite(part.acceleration_limit).any()
     has_jerk_limit = np.isfinite(part.jerk_limit).any()
     values = {
@@ -124,8 +125,8 @@ def compute_metrics(run: Recording) -> Metrics:
         "obstacle_distance_min_mm": 1e3 * found["obstacle"].low,
         "singular_value_min": found["singular_value"].low,
         "tip_speed_rms_mm_s": 1e3 * asked["tip_speed"].rms,
-        "solve_time_median_us": 1e6 * percentile(run.column("solve_time"), 50),
-        "solve_time_p99_us": 1e6 * percentile(run.column("solve_time"), 99),
+        "solve_time_median_us": 1e6 * np.nanpercentile(solve_time, 50),
+        "solve_time_p99_us": 1e6 * np.nanpercentile(solve_time, 99),
     }
     return Metrics(**{name: float(value) for name, value in values.items()})
 
@@ -170,8 +171,8 @@ def _errors(
     """Of each error's first ``count`` rows rms and 95th percentile; of all the largest."""
     values = {}
     for name, unit in ERRORS.items():
-        rows = FirstRows(run.column(f"{name}_error"), count)
+        rows = run.column(f"{name}_error")[:count]
         values[f"{name}_rms_{unit}"] = 1e3 * asked[name].rms
         values[f"{name}_max_{unit}"] = 1e3 * found[name].high
-        values[f"{name}_p95_{unit}"] = 1e3 * percentile(rows, 95)
+        values[f"{name}_p95_{unit}"] = 1e3 * np.percentile(rows, 95)
     return values

@@ -13,35 +13,24 @@ import numpy as np
 
 from rcmqp.controllers.given import UNKNOWN, Given
 from rcmqp.errors import ArmError, OptionError, RunFileError
-from rcmqp.files import whole
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs.head import CHECKED, Head, Rows, about, check_digest, check_replaceable, opened
+from rcmqp.runs.channels import CHANNELS, EARLIER, FIXED, NOT_IN_DIGEST, PART, ROWS, Channels
+from rcmqp.runs.head import Head, Rows, check_digest, opened
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.untrusted import StoredRows, reading, text
+from rcmqp.runs.writer import writing
 from rcmqp.world.insertion import Insertion
 
 if TYPE_CHECKING:
     import h5py
 
-PART = 4096
-"""Rows of a part of a run: some four seconds at 1 kHz, four megabytes."""
 
-FIXED = ("lower", "upper", "velocity_limit", "acceleration_limit", "jerk_limit")
-"""Channels that are the arm's, without a row for each cycle."""
-
-_ALLOWED = {"time": "rising", "q": "numbers", "pivot": "numbers", "path_time": "numbers"}
-"""What numbers a channel has; the others may be NaN, where a controller was told NaN."""
-
-
-def _channel(unit: str, meaning: str, **options: Any) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning}, **options)
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run(Channels):
     """What happened, at n sampling instants; each row is taken before the step.
 
-    Every array is a dataset of the file, its unit and meaning are the dataset's attributes.
+    Every array, see Channels, is a dataset of the file, its unit and meaning are the dataset's
+    attributes.
     """
 
     scenario: Scenario
@@ -50,44 +39,6 @@ class Run:
     versions: Mapping[str, str]
     joints: tuple[str, ...]
     urdf_sha256: str
-    lower: Array = _channel(
-        "rad", "(nv,) lower position limits; -inf for continuous joints; m if prismatic"
-    )
-    upper: Array = _channel("rad", "(nv,) upper position limits; inf for continuous joints")
-    velocity_limit: Array = _channel("rad/s", "(nv,) joint speed limits")
-    acceleration_limit: Array = _channel(
-        "rad/s^2", "(nv,) joint acceleration limits; inf where there is none"
-    )
-    jerk_limit: Array = _channel("rad/s^3", "(nv,) joint jerk limits; inf where there is none")
-    time: Array = _channel("s", "(n,) sampling instants")
-    q: Array = _channel("rad", "(n, nq) Pinocchio's configuration")
-    q_measured: Array = _channel("rad", "(n, nq) the configuration that the controller saw")
-    angles: Array = _channel("rad", "(n, nv) joint angles; m if prismatic")
-    v: Array = _channel("rad/s", "(n, nv) joint velocity commanded, until the next instant")
-    v_actual: Array = _channel("rad/s", "(n, nv) joint velocity at the instant")
-    v_measured: Array = _channel("rad/s", "(n, nv) joint velocity as the plant measured it")
-    pivot: Array = _channel("m", "(n, 3) trocar in the world")
-    x: Array = _channel(
-        "1, m",
-        "(n, 8) effector pose in the world, a unit dual quaternion r + "
-        "eps t r / 2: r w first, then t r / 2; its sign is continuous in time",
-    )
-    x_d: Array = _channel("1, m", "(n, 8) desired effector pose, its sign that of x")
-    tip: Array = _channel("m", "(n, 3) tip in the world")
-    tip_d: Array = _channel("m", "(n, 3) desired tip")
-    tip_error: Array = _channel("m", "(n,) distance of the tip from the desired one")
-    effector_error: Array = _channel("m", "(n,) distance of the effector from the desired one")
-    orientation_error: Array = _channel("rad", "(n,) angle from the desired orientation")
-    rcm_error: Array = _channel("m", "(n,) distance of the trocar from the shaft's axis")
-    depth: Array = _channel("m", "(n,) insertion depth of the tip beyond the trocar")
-    tilt: Array = _channel("rad", "(n,) angle of the shaft from the trocar's axis")
-    singular_value: Array = _channel(
-        "m, rad", "(n,) least singular value of the effector's geometric Jacobian"
-    )
-    solve_time: Array = _channel("s", "(n,) time the controller took for the step")
-    path_time: Array = _channel(
-        "s", "(n,) time on the path's own clock, which a governor slows down", default=None
-    )
     diagnostics: Mapping[str, Array] = field(default_factory=dict)
     about_diagnostics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
@@ -98,9 +49,7 @@ class Run:
     """What the controller was given; a file of an earlier version does not say."""
 
     def __post_init__(self) -> None:
-        """Protect the arrays; without a time of its own, the path is in time."""
-        if self.path_time is None:
-            object.__setattr__(self, "path_time", self.time)
+        """Protect the arrays."""
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 
@@ -164,7 +113,7 @@ class Run:
         Solve times and versions, which say how it was made, do not count.
         """
         arrays = {**self.arrays(), **self.diagnostics}
-        del arrays["solve_time"]
+        del arrays[NOT_IN_DIGEST]
         return self.head.digest(arrays, block=max(1, len(self.time)))
 
     @property
@@ -210,11 +159,11 @@ class Run:
 
     def arrays(self) -> dict[str, Array]:
         """The arrays with a unit, by name."""
-        return {item.name: getattr(self, item.name) for item in channels()}
+        return {name: getattr(self, name) for name in CHANNELS}
 
     def rows(self) -> dict[str, Array]:
         """The arrays (n, ...) with a row for each cycle, by name."""
-        return {name: array for name, array in self.arrays().items() if name not in FIXED}
+        return {name: getattr(self, name) for name in ROWS}
 
     def parts(self, size: int = PART) -> Iterator[Run]:
         """The run, ``size`` rows at a time; the last part may be shorter."""
@@ -236,21 +185,8 @@ class Run:
         Raises:
             RunFileError: the file cannot be written.
         """
-        import h5py  # only files need it, and it takes long to import
-
-        check_replaceable(path)
-        with whole(path) as part, h5py.File(part, "w", rdcc_nbytes=0) as file:
-            self._write(file)  # no cache of chunks: HDF5 2.0 dies flushing it on a full disk
-
-    def _write(self, file: h5py.File) -> None:
-        self.head.write(file, self.digest)
-        for item in channels():
-            dataset = file.create_dataset(item.name, data=getattr(self, item.name), **CHECKED)
-            dataset.attrs.update(item.metadata)
-        group = file.create_group("diagnostics")
-        for name, values in self.diagnostics.items():
-            dataset = group.create_dataset(name, data=values, **CHECKED)
-            dataset.attrs.update(about(name, self.about_diagnostics))
+        with writing(path) as writer:
+            writer.write(self)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Run:
@@ -271,9 +207,9 @@ class Run:
         with reading(path, "its shapes"):
             _check_shapes(path, file, head)
         arrays = {
-            item.name: stored_channel(file, item.name)[() if item.name in FIXED else rows]
-            for item in channels()
-            if item.name in file or item.name == "path_time"
+            name: stored_channel(file, name)[() if name in FIXED else rows]
+            for name in CHANNELS
+            if name in file or name == "path_time"
         }
         arrays.setdefault("jerk_limit", np.full_like(arrays["lower"], np.inf))  # an earlier file
         with reading(path, "the joints' limits"):
@@ -317,8 +253,7 @@ def _check_shapes(path: Path, file: h5py.File, head: Head) -> None:
     Raises:
         RunFileError: one has not, or has more rows than the scenario has cycles.
     """
-    missing = [item.name for item in channels() if item.name not in file]
-    if missing := [name for name in missing if name not in ("path_time", "jerk_limit")]:
+    if missing := [name for name in CHANNELS if name not in file and name not in EARLIER]:
         raise RunFileError(path, f"damaged: {missing[0]} is missing")
     if "diagnostics" not in file:
         raise RunFileError(path, "damaged: the group diagnostics is missing")
@@ -330,12 +265,14 @@ def _check_shapes(path: Path, file: h5py.File, head: Head) -> None:
     nq = (*file["q"].shape, 0, 0)[1]
     if not nv <= nq <= 2 * nv:
         raise RunFileError(path, f"damaged: q has {nq} columns for {nv} joints")
-    sizes = {"n": n, "nv": nv, "nq": nq, "3": 3, "8": 8}
-    shapes = {f"diagnostics/{name}": (n,) for name in file["diagnostics"]}
-    for item in channels():
-        if item.name in file:
-            said = item.metadata["meaning"].partition(")")[0].strip("(").split(",")
-            shapes[item.name] = tuple(sizes[size.strip()] for size in said if size)
+    shapes: dict[str, tuple[int, ...]] = {
+        f"diagnostics/{name}": (n,) for name in file["diagnostics"]
+    }
+    shapes |= {
+        name: channel.sizes(n=n, nq=nq, nv=nv)
+        for name, channel in CHANNELS.items()
+        if name in file
+    }
     for name, shape in shapes.items():
         if file[name].shape != shape:
             raise RunFileError(
@@ -354,12 +291,5 @@ def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[in
 
 def stored_channel(file: h5py.File, name: str) -> StoredRows:
     """A dataset in a run's file; files of before there was ``path_time`` have ``time`` for it."""
-    allow = _ALLOWED.get(name, "nan")
-    if name in FIXED or name.startswith("diagnostics/"):
-        allow = "anything"
+    allow = CHANNELS[name].allow if name in CHANNELS else "anything"
     return StoredRows(file["time" if name == "path_time" and name not in file else name], allow)
-
-
-def channels() -> list[dataclasses.Field[Any]]:
-    """The fields of Run that are arrays; unit and meaning are their metadata."""
-    return [item for item in dataclasses.fields(Run) if "unit" in item.metadata]

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
+from rcmqp.runs.channels import NOT_IN_DIGEST, PART
 from rcmqp.runs.head import Head, Rows, check_digest, opened
-from rcmqp.runs.run import PART, Run, stored_channel, within
+from rcmqp.runs.run import Run, stored_channel, within
 
 if TYPE_CHECKING:
     import h5py
@@ -66,7 +67,7 @@ class RunFile:
                 if name in self._file or name == "path_time"
             }
             arrays |= {name: self.column(f"diagnostics/{name}") for name in self._run.diagnostics}
-            del arrays["solve_time"]
+            del arrays[NOT_IN_DIGEST]
             self.digest = self.head.digest(arrays, block=PART)
             check_digest(self._file, self.digest)
             self._open = stack.pop_all()

@@ -15,9 +15,10 @@ from rcmqp.controllers.base import Command, Controller
 from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import InvalidProblem
+from rcmqp.runs.channels import PART
 from rcmqp.runs.cycles import Cycles
 from rcmqp.runs.recorder import Recorder
-from rcmqp.runs.run import PART, Run
+from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 
 PACKAGES = ("rcmqp", "pin", "numpy", "h5py", "example-robot-data", "proxsuite", "qpsolvers")

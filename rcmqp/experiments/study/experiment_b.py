@@ -10,9 +10,8 @@ from pathlib import Path
 from rcmqp.experiments.study.factors import factor_table, factors
 from rcmqp.experiments.study.perform import Performed, perform
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.record import write_whole
 from rcmqp.experiments.study.report import write_figures, write_tables
-from rcmqp.files import make_folder
+from rcmqp.files import make_folder, write_text
 from rcmqp.references.operators import Learning
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.metrics import compute_metrics
@@ -80,7 +79,7 @@ def reproduce_b(
     factorial, text = None, ""
     if factors:
         factorial, text = _factorial(study, folder, jobs, progress)
-        write_whole(folder / f"{FACTORS}.md", f"# Experiment B: factors\n\n{text}".encode())
+        write_text(folder / f"{FACTORS}.md", f"# Experiment B: factors\n\n{text}")
         files.append(folder / f"{FACTORS}.md")
     return ExperimentB(performed, jump, table, factorial, text, files)
 

@@ -23,9 +23,8 @@ import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.outcome import SLOW
-from rcmqp.experiments.study.record import write_whole
 from rcmqp.experiments.study.vocabulary import HANDS
-from rcmqp.files import make_folder
+from rcmqp.files import make_folder, write_text
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import GROUPS, CameraTrial, Learning, operator_of_study
 from rcmqp.references.paths import HandTrace
@@ -276,5 +275,5 @@ def _write(folder: Path, table: str, figure: Figure) -> list[Path]:
     from rcmqp.show import plots  # Matplotlib takes long to import
 
     file = folder / "hands.md"
-    write_whole(file, f"# Recorded hands beside the operator model's\n\n{table}".encode())
+    write_text(file, f"# Recorded hands beside the operator model's\n\n{table}")
     return [file, *plots.save_figure(figure, folder / "hands")]

@@ -16,8 +16,8 @@ from rcmqp.experiments.batch import Progress, batch, check_jobs
 from rcmqp.experiments.study.fingerprint import fingerprint
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
-from rcmqp.experiments.study.record import SUFFIX, Record, sweep
-from rcmqp.files import check_writable, make_folder
+from rcmqp.experiments.study.record import SUFFIX, Record
+from rcmqp.files import check_writable, make_folder, sweep
 from rcmqp.references.operators import CameraTrial
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario

@@ -6,8 +6,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +16,7 @@ import numpy as np
 
 from rcmqp.errors import RunFileError
 from rcmqp.experiments.study.outcome import TRACES, Outcome
+from rcmqp.files import whole
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import versions
@@ -74,7 +73,9 @@ class Record:
         Raises:
             RunFileError: it cannot be written.
         """
-        write_whole(path, self._image())
+        image = self._image()
+        with whole(path) as part:
+            part.write_bytes(image)
 
     def _image(self) -> bytes:
         """The file's bytes."""
@@ -162,46 +163,6 @@ def _outcome(data: dict[str, Any]) -> Outcome:
 
 def _texts(path: Path, versions: dict[str, Any]) -> dict[str, str]:
     return {name: text(path, "versions", value) for name, value in versions.items()}
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under another name, see that it is on the disk, and only then name it.
-
-    Raises:
-        RunFileError: it cannot be written; nothing of it is left.
-    """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        try:
-            with part.open("wb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise RunFileError(path, f"could not be written: {error}") from error
-
-
-def sweep(folder: Path) -> int:
-    """Remove what processes left behind that were killed while they wrote; how many files."""
-    found = ((file, re.search(r"\.(\d+)\.part$", file.name)) for file in folder.glob(".*"))
-    left = [file for file, number in found if number and not _alive(int(number[1]))]
-    for file in left:
-        file.unlink(missing_ok=True)
-    return len(left)
-
-
-def _alive(process: int) -> bool:
-    """Whether a process with this number runs here."""
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 def _json(outcome: Outcome) -> str:

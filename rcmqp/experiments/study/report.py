@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from rcmqp.experiments.study.perform import Performed
-from rcmqp.experiments.study.record import write_whole
 from rcmqp.experiments.study.tables import operators_csv, outcomes_csv, table
+from rcmqp.files import write_text
 from rcmqp.runs.metrics import Metrics
 
 FIGURES = ("fig4_views", "fig6_errors", "fig7_trajectory", "groups")
@@ -32,7 +32,7 @@ def write_tables(performed: Performed, jump: Metrics | None = None) -> tuple[str
         "operators.csv": operators_csv(study),
     }
     for name, content in files.items():
-        write_whole(performed.folder / name, content.encode())
+        write_text(performed.folder / name, content)
     return text, [performed.folder / name for name in files]
 
 

@@ -24,7 +24,7 @@ from rcmqp.show.labels import run_labels, versions_text
 from rcmqp.show.palette import colour, dash
 from rcmqp.show.table import definitions_html
 from rcmqp.show.tables import metrics_meanings, metrics_table
-from rcmqp.show.viewer.bundle import Bundle, compressed
+from rcmqp.show.viewer.bundle import Bundle, bundled, compressed
 from rcmqp.show.viewer.timeline import curves, frames, stopped
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.loading import arm_title
@@ -34,8 +34,6 @@ MAY_DIFFER = ("period", "seed")
 
 ENDINGS = (".html", ".htm")
 """What the name of a page's file may end in."""
-
-SCRIPTS = ("data", "lines", "arm", "scenery", "stage", "plots", "player")
 
 
 def page(runs: Sequence[Run], *, dark: bool = False) -> str:
@@ -61,7 +59,7 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
         meshcat=_library("meshcat", "viewer/dist/main.min.js"),
         plotly=_library("plotly", "package_data/plotly.min.js"),
         data=_data(runs, labels, insertion),
-        script="\n".join(asset(f"{name}.js") for name in SCRIPTS),
+        script=bundled("player.js", asset),
     )
     return framed(title, asset("page.css"), body, dark=dark)
 

@@ -1,43 +1,71 @@
 // The arm as a chain of joints in Meshcat's tree: /run0/joint1/joint2/..., likewise for each run.
 
-function makeArms(viewer, data) {
-  const THREE = MeshCat.THREE;
-  for (const command of data.arm.commands) viewer.handle_command_bytearray(command);
+import { THREE } from "./meshcat.js";
+import { ARM_LAYER, standard } from "./scenery.js";
+
+/** @import { Mesh, Object3D, PerspectiveCamera, Quaternion, Vector3 } from "three" */
+/** @typedef {import("./recording.js").ArmShape} ArmShape */
+/** @typedef {import("./recording.js").Shown} Shown */
+/** @typedef {import("./recording.js").Surroundings} Surroundings */
+
+/**
+ * A joint: where its link is at rest, on the link before, and its axis; one of the two is zero.
+ * @typedef {{name: string, position: Vector3, quaternion: Quaternion, angular: Vector3, linear: Vector3}} Joint
+ */
+
+/**
+ * The arm of each run, at one place until they are posed.
+ *
+ * @param {MeshcatViewer} viewer
+ * @param {{arm: ArmShape, scene: Surroundings, runs: Shown[]}} data
+ */
+export function makeArms(viewer, { arm, scene, runs }) {
+  for (const command of arm.commands) viewer.handle_command_bytearray(command);
+  /** @param {string[]} path */
   const find = (path) => viewer.scene_tree.find(path).object;
-  for (const part of data.arm.parts) dress(find(part.path), part.colour);
-  const joints = data.arm.joints.map((joint) => {
-    const rest = { position: new THREE.Vector3(), quaternion: new THREE.Quaternion() };
-    new THREE.Matrix4().fromArray(joint.placement)
-      .decompose(rest.position, rest.quaternion, new THREE.Vector3());
-    return {
-      name: joint.name,
-      rest,
-      angular: new THREE.Vector3(...joint.angular),
-      linear: new THREE.Vector3(...joint.linear),
-    };
-  });
-  return data.runs.map((run, k) => {
-    const base = find([`run${k}`]);
+  for (const part of arm.parts) dress(find(part.path), part.colour);
+  const joints = arm.joints.map(({ name, placement, angular, linear }) => ({
+    name,
+    ...placed(placement),
+    angular: new THREE.Vector3().fromArray(angular),
+    linear: new THREE.Vector3().fromArray(linear),
+  }));
+  return runs.map((run, k) => {
     const links = [];
     let path = [`run${k}`];
     for (let i = 0; i < joints.length; i++) {
       path = [...path, `joint${i + 1}`];
       links.push(find(path));
     }
-    if (k > 0) copyParts(viewer, data.arm.parts, k);
+    if (k > 0) copyParts(find, arm.parts, k);
     const flange = find([...path, "flange"]);
-    new THREE.Matrix4().fromArray(data.arm.flange)
-      .decompose(flange.position, flange.quaternion, flange.scale);
-    const instrument = makeInstrument(data.scene.instrument);
+    const { position, quaternion } = placed(arm.flange);
+    flange.position.copy(position);
+    flange.quaternion.copy(quaternion);
+    const instrument = makeInstrument(scene.instrument);
     flange.add(instrument.group);
-    return new Arm(run, base, joints, links, flange, instrument);
+    return new Arm(find([`run${k}`]), joints, links, flange, instrument.camera, run.colour);
   });
 }
 
-function copyParts(viewer, parts, k) {
+/** A placement out of its matrix. @param {number[]} matrix column after column */
+function placed(matrix) {
+  const [position, quaternion] = [new THREE.Vector3(), new THREE.Quaternion()];
+  new THREE.Matrix4().fromArray(matrix).decompose(position, quaternion, new THREE.Vector3());
+  return { position, quaternion };
+}
+
+/**
+ * Give a run the first run's shapes.
+ *
+ * @param {(path: string[]) => Object3D} find
+ * @param {ArmShape["parts"]} parts
+ * @param {number} k the run
+ */
+function copyParts(find, parts, k) {
   for (const part of parts) {
-    const first = viewer.scene_tree.find(part.path).object;
-    const copy = viewer.scene_tree.find([`run${k}`, ...part.path.slice(1)]).object;
+    const first = find(part.path);
+    const copy = find([`run${k}`, ...part.path.slice(1)]);
     copy.position.copy(first.position);
     copy.quaternion.copy(first.quaternion);
     copy.scale.copy(first.scale);
@@ -45,19 +73,30 @@ function copyParts(viewer, parts, k) {
   }
 }
 
-// Meshcat's materials are flat: give each part one that takes the light well.
+/**
+ * Meshcat's materials are flat: give each part one that takes the light well.
+ *
+ * @param {Object3D} object
+ * @param {number[]} colour red, green and blue, 0 to 1
+ */
 function dress(object, colour) {
-  const material = standard(new MeshCat.THREE.Color(...colour), { side: MeshCat.THREE.DoubleSide });
+  const material = standard(new THREE.Color().fromArray(colour), { side: THREE.DoubleSide });
   object.traverse((mesh) => {
-    if (!mesh.isMesh) return;
+    if (!isMesh(mesh)) return;
     mesh.material = material;
     mesh.castShadow = mesh.receiveShadow = true;
   });
 }
 
+/** @param {Object3D} object @returns {object is Mesh} */
+function isMesh(object) {
+  return object instanceof THREE.Mesh;
+}
+
+/** The instrument and the camera at its tip. @param {Surroundings["instrument"]} instrument */
 function makeInstrument({ length, radius, mount_offset: offset, field_of_view: angle }) {
-  const THREE = MeshCat.THREE;
   const group = new THREE.Group();
+  /** @param {number} r @param {number} from @param {number} to @param {number} colour */
   const tube = (r, from, to, colour) => {
     const shape = new THREE.CylinderGeometry(r, r, to - from, 32);
     const mesh = new THREE.Mesh(shape, standard(colour, { shininess: 80, specular: 0x444444 }));
@@ -79,21 +118,35 @@ function makeInstrument({ length, radius, mount_offset: offset, field_of_view: a
   return { group, camera };
 }
 
+/** An arm that can be posed, and shown in three ways. */
 class Arm {
-  constructor(run, base, joints, links, flange, instrument) {
-    Object.assign(this, { run, base, joints, links, flange, camera: instrument.camera });
+  /**
+   * @param {Object3D} base
+   * @param {Joint[]} joints
+   * @param {Object3D[]} links one a joint
+   * @param {Object3D} flange
+   * @param {PerspectiveCamera} camera
+   * @param {string} colour of its ghost, as CSS writes it
+   */
+  constructor(base, joints, links, flange, camera, colour) {
+    this.base = base;
+    this.joints = joints;
+    this.links = links;
+    this.flange = flange;
+    this.camera = camera;
+    /** @type {[Mesh, Mesh["material"]][]} */
     this.solid = [];
-    base.traverse((mesh) => {
-      if (mesh.isMesh) this.solid.push([mesh, mesh.material]);
-      mesh.layers.set(ARM_LAYER);
+    base.traverse((object) => {
+      if (isMesh(object)) this.solid.push([object, object.material]);
+      object.layers.set(ARM_LAYER);
     });
-    this.ghost = standard(run.colour, {
+    this.ghost = standard(colour, {
       transparent: true, opacity: 0.28, depthWrite: false,
       polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8, // behind what it coincides with
     });
   }
 
-  // Solid, a ghost in the run's colour, or not there.
+  /** Solid, a ghost in the run's colour, or not there. @param {"solid" | "ghost" | "hidden"} how */
   show(how) {
     this.base.visible = how !== "hidden";
     for (const [mesh, material] of this.solid) {
@@ -102,28 +155,32 @@ class Arm {
     }
   }
 
-  // How it was shown, by what is drawn.
+  /** How it was shown, by what is drawn. */
   get look() {
     const [[mesh]] = this.solid;
     return !this.base.visible ? "hidden" : mesh.material === this.ghost ? "ghost" : "solid";
   }
 
-  pose(t) {
-    const angles = sample(this.run, "angles", t);
-    const turn = new MeshCat.THREE.Quaternion();
-    const slide = new MeshCat.THREE.Vector3();
+  /** @param {ArrayLike<number>} angles of the joints [rad], [m] where they slide */
+  pose(angles) {
+    const turn = new THREE.Quaternion();
+    const slide = new THREE.Vector3();
     this.joints.forEach((joint, i) => {
       turn.setFromAxisAngle(joint.angular, angles[i] * joint.angular.length()); // 0 where it slides
-      slide.copy(joint.linear).multiplyScalar(angles[i]).applyQuaternion(joint.rest.quaternion);
-      this.links[i].quaternion.copy(joint.rest.quaternion).multiply(turn);
-      this.links[i].position.copy(joint.rest.position).add(slide);
+      slide.copy(joint.linear).multiplyScalar(angles[i]).applyQuaternion(joint.quaternion);
+      this.links[i].quaternion.copy(joint.quaternion).multiply(turn);
+      this.links[i].position.copy(joint.position).add(slide);
     });
   }
 
-  // World matrix of a joint's link, of the flange, or of the camera, column after column.
+  /**
+   * World matrix of a joint's link, of the flange, or of the camera, column after column.
+   *
+   * @param {string} name of the joint, "flange" or "camera"
+   */
   matrix(name) {
     const i = this.joints.findIndex((joint) => joint.name === name);
-    const object = { flange: this.flange, camera: this.camera }[name] ?? this.links[i];
+    const object = name === "flange" ? this.flange : name === "camera" ? this.camera : this.links[i];
     object.updateWorldMatrix(true, false);
     return object.matrixWorld.toArray();
   }

@@ -1,5 +1,9 @@
 // Lines of a width in pixels, whatever the distance: WebGL's own are one pixel wide.
 
+import { THREE } from "./meshcat.js";
+
+/** @import { WebGLRenderer } from "three" */
+
 const LINE_VERTEX = `
   attribute vec3 end;
   attribute vec2 corner;
@@ -25,64 +29,97 @@ const LINE_FRAGMENT = `
   uniform vec3 colour;
   void main() { gl_FragColor = vec4(colour, 1.0); }`;
 
-// A line through points (x, y, z, x, y, z, ...); lift [m] brings it before what is as near.
-function thickLine(points, colour, width, lift = 0) {
-  const THREE = MeshCat.THREE;
-  const geometry = new THREE.BufferGeometry();
-  const count = Math.max(0, points.length / 3 - 1);
-  const starts = new Float32Array(12 * count); // four corners a stretch: instances are slow without
-  const ends = new Float32Array(12 * count); // a graphics card
-  const corners = new Float32Array(8 * count);
-  const index = new Uint32Array(6 * count);
-  for (let i = 0; i < count; i++) {
-    for (let k = 0; k < 4; k++) {
-      starts.set(points.subarray(3 * i, 3 * i + 3), 12 * i + 3 * k);
-      ends.set(points.subarray(3 * i + 3, 3 * i + 6), 12 * i + 3 * k);
-    }
-    corners.set([0, -1, 1, -1, 1, 1, 0, 1], 8 * i);
-    index.set([0, 1, 2, 0, 2, 3].map((k) => 4 * i + k), 6 * i);
+/** Along and across a stretch, of its four corners, and the two triangles that they make. */
+const CORNERS = [0, -1, 1, -1, 1, 1, 0, 1];
+const TRIANGLES = [0, 1, 2, 0, 2, 3];
+
+/**
+ * Buffers for some stretches; nothing is in them. Four corners a stretch: instances are slow
+ * without a graphics card.
+ *
+ * @param {number} stretches
+ */
+function makeBuffers(stretches) {
+  const corners = new Float32Array(8 * stretches);
+  const index = new Uint32Array(6 * stretches);
+  for (let i = 0; i < stretches; i++) {
+    corners.set(CORNERS, 8 * i);
+    for (let k = 0; k < 6; k++) index[6 * i + k] = 4 * i + TRIANGLES[k];
   }
+  const starts = new Float32Array(12 * stretches);
+  const ends = new Float32Array(12 * stretches);
+  const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(starts, 3));
   geometry.setAttribute("end", new THREE.BufferAttribute(ends, 3));
   geometry.setAttribute("corner", new THREE.BufferAttribute(corners, 2));
   geometry.setIndex(new THREE.BufferAttribute(index, 1));
-  const uniforms = {
-    colour: { value: new THREE.Color(colour) },
-    resolution: { value: new THREE.Vector2(1, 1) },
-    width: { value: width },
-    lift: { value: lift },
-  };
-  const material = new THREE.ShaderMaterial({
-    uniforms, vertexShader: LINE_VERTEX, fragmentShader: LINE_FRAGMENT, side: THREE.DoubleSide,
-  });
-  const mesh = new THREE.Mesh(geometry, material);
-  mesh.width = width;
-  mesh.frustumCulled = false;
-  mesh.raycast = () => {};
-  mesh.cut = (stretches) => geometry.setDrawRange(0, 6 * stretches); // only the first of them
-  const port = new THREE.Vector4();
-  mesh.onBeforeRender = (renderer) => {
-    renderer.getCurrentViewport(port);
-    uniforms.resolution.value.set(port.z, port.w);
-    uniforms.width.value = mesh.width * renderer.getPixelRatio();
-    material.uniformsNeedUpdate = true;
-  };
-  return mesh;
+  return { stretches, starts, ends, geometry };
 }
 
-// The way of a tip, without the stretches where it stands still, and the time at each point.
-function trail(run, name, still = 2e-5) {
-  const path = run.frames[name];
-  const points = [];
-  const times = [];
-  for (let i = 0; i < run.frames.time.length; i++) {
-    const p = path.subarray(3 * i, 3 * i + 3);
-    if (p.some(Number.isNaN)) continue;
-    const n = points.length;
-    const far = n === 0 || Math.hypot(p[0] - points[n - 3], p[1] - points[n - 2], p[2] - points[n - 1]) > still;
-    if (!far) continue;
-    points.push(...p);
-    times.push(run.frames.time[i]);
+/** A line along a trail, which grows as the trail does. */
+export class TrailLine extends THREE.Mesh {
+  /**
+   * @param {import("./trail.js").Trail} trail
+   * @param {string} colour as CSS writes it
+   * @param {number} width [px]
+   */
+  constructor(trail, colour, width) {
+    const uniforms = {
+      colour: { value: new THREE.Color(colour) },
+      resolution: { value: new THREE.Vector2(1, 1) },
+      width: { value: width },
+      lift: { value: 0 }, // brings it before what is as near [m]
+    };
+    const material = new THREE.ShaderMaterial({
+      uniforms, vertexShader: LINE_VERTEX, fragmentShader: LINE_FRAGMENT, side: THREE.DoubleSide,
+    });
+    const buffers = makeBuffers(Math.max(0, trail.count - 1));
+    super(buffers.geometry, material);
+    this.buffers = buffers;
+    this.trail = trail;
+    this.uniforms = uniforms;
+    this.width = width;
+    this.drawn = 0; // points of the trail that are in the buffers
+    this.dropped = trail.dropped; // when they were put there
+    this.frustumCulled = false;
+    this.follow();
+    const port = new THREE.Vector4();
+    this.onBeforeRender = (/** @type {WebGLRenderer} */ renderer) => {
+      renderer.getCurrentViewport(port);
+      uniforms.resolution.value.set(port.z, port.w);
+      uniforms.width.value = this.width * renderer.getPixelRatio();
+      material.uniformsNeedUpdate = true;
+    };
   }
-  return { points: new Float32Array(points), times };
+
+  raycast() {}
+
+  /** Put what the trail has won since into the buffers, which grow if they are too small. */
+  follow() {
+    const { count, dropped, points } = this.trail;
+    if (this.drawn === count && this.dropped === dropped) return;
+    const needed = Math.max(0, count - 1);
+    if (needed > this.buffers.stretches) {
+      this.buffers.geometry.dispose();
+      this.buffers = makeBuffers(Math.max(needed, 2 * this.buffers.stretches));
+      this.geometry = this.buffers.geometry;
+      this.drawn = 0;
+    }
+    const { starts, ends, geometry } = this.buffers;
+    for (let i = this.dropped === dropped ? Math.max(0, this.drawn - 1) : 0; i < needed; i++)
+      for (let k = 0; k < 4; k++) {
+        starts.set(points.subarray(3 * i, 3 * i + 3), 12 * i + 3 * k);
+        ends.set(points.subarray(3 * i + 3, 3 * i + 6), 12 * i + 3 * k);
+      }
+    geometry.attributes.position.needsUpdate = geometry.attributes.end.needsUpdate = true;
+    geometry.setDrawRange(0, 6 * needed);
+    this.drawn = count;
+    this.dropped = dropped;
+  }
+
+  /** Draw it as far as the trail goes at a time. @param {number} t [s] */
+  cut(t) {
+    this.follow();
+    this.buffers.geometry.setDrawRange(0, 6 * this.trail.stretches(t));
+  }
 }

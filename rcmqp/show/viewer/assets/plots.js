@@ -1,5 +1,11 @@
 // Errors, joint speed and singular value over time, with a cursor, by plotly.
 
+import { query } from "./elements.js";
+import { largest, logarithmic } from "./scales.js";
+import { css } from "./scenery.js";
+
+/** @typedef {import("./recording.js").Recorded} Recorded */
+
 const PLOTS = [
   ["tip_error", "tip error [mm]"],
   ["rcm_error", "RCM error [mm]"],
@@ -7,19 +13,22 @@ const PLOTS = [
   ["singular_value", "least singular value"],
 ];
 const DASHES = { solid: "solid", dashed: "dash", dashdot: "dashdot", dotted: "dot" }; // as plotly calls them
-const FAR_APART = 30; // ratio of the runs' maxima above which an error is drawn logarithmically
+const GAP = 0.085; // between two plots
+const HEIGHT = (1 - GAP * (PLOTS.length - 1)) / PLOTS.length;
 
-// What a hundredth of the values, not counting missing ones, lies below.
-function hundredth(values) {
-  const sorted = values.filter((value) => !Number.isNaN(value)).sort();
-  return sorted[Math.floor(0.01 * sorted.length)];
-}
-
-class Plots {
+export class Plots {
+  /**
+   * @param {HTMLElement} pane with #figure and #cursor in it
+   * @param {Recorded[]} runs
+   * @param {(t: number) => void} seek is called with a time that is clicked on
+   */
   constructor(pane, runs, seek) {
-    Object.assign(this, { pane, runs });
-    this.figure = pane.querySelector("#figure");
-    this.cursor = pane.querySelector("#cursor");
+    this.runs = runs;
+    this.figure = /** @type {PlotlyFigure} */ (query(pane, "#figure"));
+    this.cursor = query(pane, "#cursor");
+    this.time = 0;
+    this.isWatched = false;
+    /** @param {PointerEvent} event */
     const jump = (event) => {
       const axis = this.figure._fullLayout.xaxis;
       const at = event.clientX - this.figure.getBoundingClientRect().left - axis._offset;
@@ -33,69 +42,62 @@ class Plots {
     this.figure.addEventListener("pointermove", (event) => event.buttons & 1 && jump(event), true);
   }
 
-  // The largest value of each run.
-  maxima(name) {
-    return this.runs.map((run) => run.curves[name][1].reduce((a, b) => (b > a ? b : a), 0)); // NaN is not
+  /** Values of each run. @param {string} name of the plot */
+  curves(name) {
+    return this.runs.map((run) => run.curves[name][1]);
   }
 
-  // Maxima that lie far apart need a logarithmic axis, or the small ones are a line at zero: its
-  // range in powers of ten, or false. It starts below all but the lowest hundredth of each run,
-  // as the figures do, but no more than three decades below the least maximum.
-  logarithmic(name) {
-    const most = this.maxima(name);
-    const [least, greatest] = [Math.min(...most), Math.max(...most)];
-    const apart = name.endsWith("_error") && least > 0 && greatest > FAR_APART * least;
-    const low = Math.min(...this.runs.map((run) => hundredth(run.curves[name][1])));
-    return apart && [Math.log10(Math.max(0.5 * low, 1e-3 * least)), Math.log10(greatest) + 0.3];
+  /** Draw all. @param {number} main the run whose curves are a little wider */
+  async draw(main) {
+    const traces = PLOTS.flatMap(([name], row) => this.runs.map((run, i) => {
+      const [x, y] = run.curves[name];
+      return { x, y, yaxis: yAxis(row), type: "scatter", mode: x.length > 1 ? "lines" : "markers", name: run.label,
+        line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: DASHES[run.dash] },
+        hovertemplate: "%{y:.4~g}<extra></extra>" };
+    }));
+    await Plotly.react(this.figure, traces, this.layout(), { displayModeBar: false, responsive: true });
+    if (!this.isWatched) this.figure.on("plotly_afterplot", () => this.move(this.time)); // resized
+    this.isWatched = true;
+    this.move(this.time);
   }
 
-  draw(main) {
-    const style = getComputedStyle(document.body);
+  layout() {
     const grid = { gridcolor: css("line"), linecolor: css("soft"), zeroline: false, automargin: false };
-    const gap = 0.085;
-    const height = (1 - gap * (PLOTS.length - 1)) / PLOTS.length;
-    const layout = {
+    const stops = this.runs.flatMap((run) => run.stops.map(([x0, x1]) => ({ // where it stopped safely
+      type: "rect", x0, x1, yref: "paper", y0: 0, y1: 1, layer: "below", opacity: 0.18,
+      fillcolor: run.colour, line: { color: run.colour, width: 1 },
+    })));
+    const limits = PLOTS.flatMap(([name], row) => {
+      const isNear = name === "speed_ratio" && this.curves(name).some((values) => values.some((v) => v > 0.6));
+      return isNear ? [{ type: "line", xref: "paper", x0: 0, x1: 1, yref: yAxis(row), y0: 1, y1: 1,
+        line: { color: css("soft"), width: 1, dash: "dot" } }] : [];
+    });
+    return {
       margin: { l: 52, r: 8, t: 16, b: 34 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { size: 11, color: css("soft"), family: style.fontFamily },
+      font: { size: 11, color: css("soft"), family: getComputedStyle(document.body).fontFamily },
       showlegend: false, dragmode: false, hovermode: "x", hoverdistance: 30,
       xaxis: { ...grid, anchor: `y${PLOTS.length}`, title: { text: "time [s]", standoff: 4, font: { size: 11 } }, fixedrange: true,
-        range: [0, Math.max(...this.runs.map((run) => run.frames.time.at(-1))) || 1] },
-      annotations: [],
-      shapes: this.runs.flatMap((run) => run.stops.map(([x0, x1]) => ({ // where it stopped safely
-        type: "rect", x0, x1, yref: "paper", y0: 0, y1: 1, layer: "below", opacity: 0.18,
-        fillcolor: run.colour, line: { color: run.colour, width: 1 },
-      }))),
+        range: [0, Math.max(...this.runs.map((run) => run.source.duration)) || 1] },
+      ...Object.fromEntries(PLOTS.map(([name], row) => [yAxis(row).replace("y", "yaxis"), { ...grid, ...this.range(name, row) }])),
+      annotations: PLOTS.map(([, text], row) => ({ text, xref: "paper", yref: "paper", x: 0, y: top(row),
+        xanchor: "left", yanchor: "bottom", showarrow: false, font: { size: 11.5, color: css("ink") } })),
+      shapes: [...stops, ...limits],
     };
-    const traces = [];
-    PLOTS.forEach(([name, title], row) => {
-      const y = row === 0 ? "y" : `y${row + 1}`;
-      const top = 1 - row * (height + gap);
-      const log = this.logarithmic(name);
-      layout[y.replace("y", "yaxis")] = {
-        ...grid, domain: [top - height, top], nticks: 4, fixedrange: true,
-        tickformat: log || Math.max(...this.maxima(name)) < 1e-2 ? "~e" : "~g",
-        ...(log ? { type: "log", range: log, dtick: Math.ceil((log[1] - log[0]) / 5) } : { rangemode: "tozero" }),
-      };
-      layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left",
-        yanchor: "bottom", showarrow: false, font: { size: 11.5, color: css("ink") } });
-      if (name === "speed_ratio" && this.runs.some((run) => run.curves[name][1].some((v) => v > 0.6)))
-        layout.shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: y, y0: 1, y1: 1,
-          line: { color: css("soft"), width: 1, dash: "dot" } });
-      this.runs.forEach((run, i) => {
-        const [x, values] = run.curves[name];
-        traces.push({ x, y: values, yaxis: y, type: "scatter", mode: x.length > 1 ? "lines" : "markers", name: run.label,
-          line: { color: run.colour, width: i === main ? 1.8 : 1.3, dash: DASHES[run.dash] },
-          hovertemplate: "%{y:.4~g}<extra></extra>" });
-      });
-    });
-    return Plotly.react(this.figure, traces, layout, { displayModeBar: false, responsive: true })
-      .then(() => {
-        this.watched ??= this.figure.on("plotly_afterplot", () => this.move(this.time)); // resized
-        this.move(this.time ?? 0);
-      });
   }
 
+  /** Where a plot is, and what its axis goes over. @param {string} name @param {number} row */
+  range(name, row) {
+    const curves = this.curves(name);
+    const range = name.endsWith("_error") ? logarithmic(curves) : null;
+    return {
+      domain: [top(row) - HEIGHT, top(row)], nticks: 4, fixedrange: true,
+      tickformat: range || Math.max(...curves.map(largest)) < 1e-2 ? "~e" : "~g",
+      ...(range ? { type: "log", range, dtick: Math.ceil((range[1] - range[0]) / 5) } : { rangemode: "tozero" }),
+    };
+  }
+
+  /** Move the cursor. @param {number} t [s] */
   move(t) {
     this.time = t;
     const { xaxis: axis, yaxis: first, [`yaxis${PLOTS.length}`]: last } = this.figure._fullLayout ?? {};
@@ -105,3 +107,9 @@ class Plots {
     this.cursor.style.transform = `translateX(${axis._offset + axis.l2p(t)}px)`;
   }
 }
+
+/** @param {number} row */
+const top = (row) => 1 - row * (HEIGHT + GAP);
+
+/** @param {number} row */
+const yAxis = (row) => (row === 0 ? "y" : `y${row + 1}`);

@@ -1,33 +1,48 @@
-// What stands around the arm: trocar, wall, limits, trails, targets, obstacles, floor, light.
+// What stands around the arm: trocar, wall, limits, targets, obstacles, arrow, light.
 
-const ARM_LAYER = 1; // seen from outside only: the endoscope would look at its own inside
-const INSIDE_LAYER = 2; // seen through the endoscope only
-const WALL = 0.1; // radius of the patch of abdominal wall [m]
+import { THREE } from "./meshcat.js";
 
-// What page.css says of a name: a colour, or how dark shadows are.
-function css(name) {
+/** @import { Vector3, Material, MeshPhongMaterialParameters, ColorRepresentation, Object3D } from "three" */
+/** @typedef {import("./recording.js").Surroundings} Surroundings */
+
+export const ARM_LAYER = 1; // seen from outside only: the endoscope would look at its own inside
+export const INSIDE_LAYER = 2; // seen through the endoscope only
+export const WALL = 0.1; // radius of the patch of abdominal wall [m]
+
+/** What page.css says of a name: a colour, or how dark shadows are. @param {string} name */
+export function css(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-function standard(colour, extra = {}) {
-  const material = new MeshCat.THREE.MeshPhongMaterial({ shininess: 30, specular: 0x1c1c1c, ...extra });
+/**
+ * A material that takes the light.
+ *
+ * @param {ColorRepresentation} colour as CSS writes it
+ * @param {MeshPhongMaterialParameters} extra
+ */
+export function standard(colour, extra = {}) {
+  const material = new THREE.MeshPhongMaterial({ shininess: 30, specular: 0x1c1c1c, ...extra });
   material.color.set(colour).convertSRGBToLinear();
   return material;
 }
 
-// A group at the trocar whose y axis points out of the patient, as three.js turns its lathes.
-function atTrocar(scene) {
-  const THREE = MeshCat.THREE;
+/**
+ * A group at the trocar whose y axis points out of the patient, as three.js turns its lathes.
+ *
+ * @param {Surroundings} scene
+ */
+export function atTrocar(scene) {
   const group = new THREE.Group();
-  const out = new THREE.Vector3(...scene.axis).negate();
+  const out = new THREE.Vector3().fromArray(scene.axis).negate();
   group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), out);
-  group.position.set(...scene.pivot);
+  group.position.fromArray(scene.pivot);
   return group;
 }
 
-function makeWall(radius) {
-  const THREE = MeshCat.THREE;
+/** A patch of the abdominal wall. @param {number} radius of the shaft [m] */
+export function makeWall(radius) {
   const hole = 2.6 * radius, rim = WALL, thick = 0.012, bend = 0.28;
+  /** @param {number} r */
   const height = (r) => -(r * r) / (2 * bend);
   const profile = [];
   const radii = Array.from({ length: 11 }, (_, i) => hole + (rim - hole) * (i / 10));
@@ -41,8 +56,8 @@ function makeWall(radius) {
   return wall;
 }
 
-function makeTrocar(radius) {
-  const THREE = MeshCat.THREE;
+/** @param {number} radius of the shaft [m] */
+export function makeTrocar(radius) {
   const ring = new THREE.Mesh(
     new THREE.TorusGeometry(2.1 * radius, 0.62 * radius, 20, 64), standard(0x26292d));
   ring.rotation.x = Math.PI / 2;
@@ -51,12 +66,16 @@ function makeTrocar(radius) {
   return ring;
 }
 
-// The shaft may lie in the cone and the tip between the two caps, which are parts of spheres.
-function makeLimits(scene) {
-  const THREE = MeshCat.THREE;
+/**
+ * The shaft may lie in the cone and the tip between the two caps, which are parts of spheres.
+ *
+ * @param {Surroundings} scene
+ */
+export function makeLimits(scene) {
   const [low, high] = scene.depth_range;
   const angle = Math.min(scene.cone_half_angle, Math.PI);
   const group = new THREE.Group();
+  /** @param {string} colour */
   const skin = (colour) => standard(colour, {
     transparent: true, opacity: 0.3, side: THREE.DoubleSide, depthWrite: false,
   });
@@ -73,16 +92,20 @@ function makeLimits(scene) {
   return group;
 }
 
-function makeBall(centre, radius, material) {
-  const ball = new MeshCat.THREE.Mesh(new MeshCat.THREE.SphereGeometry(radius, 40, 24), material);
-  ball.position.set(...centre);
+/** @param {number[]} centre [m] @param {number} radius [m] @param {Material} material */
+export function makeBall(centre, radius, material) {
+  const ball = new THREE.Mesh(new THREE.SphereGeometry(radius, 40, 24), material);
+  ball.position.fromArray(centre);
   ball.castShadow = ball.receiveShadow = true;
   return ball;
 }
 
-// Soft ground beyond the deepest tip, seen through the endoscope only, to show that it moves.
-function makeGround(scene) {
-  const THREE = MeshCat.THREE;
+/**
+ * Soft ground beyond the deepest tip, seen through the endoscope only, to show that it moves.
+ *
+ * @param {Surroundings} scene
+ */
+export function makeGround(scene) {
   const geometry = new THREE.PlaneGeometry(0.8, 0.8, 140, 140);
   const at = geometry.attributes.position;
   const tones = new Float32Array(3 * at.count);
@@ -104,36 +127,39 @@ function makeGround(scene) {
   return ground;
 }
 
-const LEAST_ARROW = 5e-4; // a shorter one is less than a pixel of the close-up [m]
+export const LEAST_ARROW = 5e-4; // a shorter one is less than a pixel of the close-up [m]
 
-// An arrow of length 1 along y, thin where it is short; scaled by point().
-function makeArrow(colour) {
-  const THREE = MeshCat.THREE;
-  const material = new THREE.MeshBasicMaterial({ depthTest: false, transparent: true });
-  material.color.set(colour).convertSRGBToLinear();
-  const group = new THREE.Group();
-  const stem = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 16), material);
-  const head = new THREE.Mesh(new THREE.ConeGeometry(1, 1, 24), material);
-  group.add(stem, head);
-  for (const mesh of group.children) mesh.renderOrder = 6;
-  group.point = (from, vector) => {
+/** An arrow that is thin where it is short, and not drawn where it would be less than a pixel. */
+export class Arrow extends THREE.Group {
+  /** @param {string} colour as CSS writes it */
+  constructor(colour) {
+    super();
+    const material = new THREE.MeshBasicMaterial({ depthTest: false, transparent: true });
+    material.color.set(colour).convertSRGBToLinear();
+    this.stem = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 16), material);
+    this.head = new THREE.Mesh(new THREE.ConeGeometry(1, 1, 24), material);
+    this.add(this.stem, this.head);
+    for (const mesh of this.children) mesh.renderOrder = 6;
+  }
+
+  /** @param {Vector3} from [m] @param {Vector3} vector to its tip [m] */
+  point(from, vector) {
     const length = vector.length();
-    group.visible = length > LEAST_ARROW;
-    if (!group.visible) return;
+    this.visible = length > LEAST_ARROW;
+    if (!this.visible) return;
     const tip = Math.min(0.007, 0.5 * length);
-    group.position.copy(from);
-    group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), vector.clone().divideScalar(length));
+    this.position.copy(from);
+    this.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), vector.clone().divideScalar(length));
     const thick = Math.min(0.0009, 0.12 * tip); // a third of the head
-    stem.scale.set(thick, length - tip, thick);
-    stem.position.y = (length - tip) / 2;
-    head.scale.set(0.36 * tip, tip, 0.36 * tip);
-    head.position.y = length - tip / 2;
-  };
-  return group;
+    this.stem.scale.set(thick, length - tip, thick);
+    this.stem.position.y = (length - tip) / 2;
+    this.head.scale.set(0.36 * tip, tip, 0.36 * tip);
+    this.head.position.y = length - tip / 2;
+  }
 }
 
-function addLight(root, centre) {
-  const THREE = MeshCat.THREE;
+/** @param {Object3D} root @param {Vector3} centre what is lit [m] */
+export function addLight(root, centre) {
   const key = new THREE.DirectionalLight(0xffffff, 0.74);
   key.position.copy(centre).add(new THREE.Vector3(0.9, -1.6, 2.6));
   key.target.position.copy(centre);
@@ -152,5 +178,5 @@ function addLight(root, centre) {
   back.position.copy(centre).add(new THREE.Vector3(0.6, 2.2, 1.4));
   fill.target = back.target = key.target;
   root.add(key, key.target, fill, back, new THREE.HemisphereLight(0xffffff, 0x9a948c, 0.38));
-  for (const light of root.children) if (light.isLight) light.layers.enableAll();
+  for (const light of root.children) if (light instanceof THREE.Light) light.layers.enableAll();
 }
