@@ -21,6 +21,7 @@ pictures: demo
 
 tables: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/doc_tables.py
+	$(BIN)/python benchmarks/measures_page.py
 
 test: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile

@@ -13,6 +13,7 @@ from rcmqp.cli.options import AsJson, FlangeOption
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.errors import UnknownName
 from rcmqp.runs.loading import scenario_module, scenario_names
+from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names, load_arm
 
 
@@ -40,7 +41,7 @@ def scenarios(as_json: AsJson = False) -> None:
     if as_json:
         console.print_json(about)
         return
-    console.print_table(("name", "what happens"), about.items())
+    out.print(Table(("name", "what happens"), list(about.items()), words=2))
 
 
 def controllers(
@@ -64,7 +65,7 @@ def controllers(
                 for option, default in controller_options(each).items()
             )
             rows.append((each, _first_line(inspect.getmodule(CONTROLLERS[each])), options))
-        console.print_table(("name", "what it is", "options"), rows)
+        out.print(Table(("name", "what it is", "options"), rows, words=3))
         out.print("rcmqp controllers NAME explains one.", style="dim")
 
 

@@ -22,6 +22,15 @@ GovernorOption = Annotated[
         help="Slow the path down where the tip falls behind, or not; the scenario's, without it.",
     ),
 ]
+PlannerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--planner-from",
+        metavar="reference|measured",
+        help="Where the path planner starts: at the last reference, or at the measured pose; the "
+        "scenario's, without it.",
+    ),
+]
 AccelerationOption = Annotated[
     str | None,
     typer.Option(
@@ -43,9 +52,15 @@ Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
 
 
-def governor_change(governor: bool | None) -> dict[str, Any]:
-    """The change of a scenario that --governor or --no-governor asks for."""
-    return {} if governor is None else {"governor": Governor() if governor else None}
+def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
+    """The changes of a scenario that were asked for; None is none.
+
+    Args:
+        governor: whether there is to be one.
+        changes: fields of Scenario.
+    """
+    given = {name: value for name, value in changes.items() if value is not None}
+    return given if governor is None else given | {"governor": Governor() if governor else None}
 
 
 def limits_of(acceleration: str | None, jerk: str | None) -> ArmLimits:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,8 +14,9 @@ from rcmqp.cli.options import (
     FlangeOption,
     GovernorOption,
     JerkOption,
-    governor_change,
+    PlannerOption,
     limits_of,
+    scenario_changes,
 )
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import options_of
@@ -61,6 +62,7 @@ def run(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
     governor: GovernorOption = None,
+    planner_from: PlannerOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -90,9 +92,12 @@ def run(
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
         options["gain"] = gain
-    changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
-    given = {name: value for name, value in changes.items() if value is not None}
-    given |= governor_change(governor) | limits_of(acceleration, jerk).given()
+    given = (
+        scenario_changes(
+            governor, period=period, duration=duration, seed=seed, planner_from=planner_from
+        )
+        | limits_of(acceleration, jerk).given()
+    )
     chosen = load_scenario(scenario, arm, flange=flange, **given)
     made = make_controller(controller, chosen.insertion(), chosen.period, **options)
     if file is not None:

@@ -73,6 +73,22 @@ def load_scenario(
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
             )
+    return changed(scenario, acceleration=acceleration, jerk=jerk, **changes)
+
+
+def changed(
+    scenario: Scenario,
+    *,
+    acceleration: float | Sequence[float | None] | None = None,
+    jerk: float | Sequence[float | None] | None = None,
+    **changes: Any,
+) -> Scenario:
+    """A scenario with other limits of the joints, and other fields; see load_scenario().
+
+    Raises:
+        UnknownName: there is no such field.
+        OptionError: a value is not allowed.
+    """
     fields = [field.name for field in dataclasses.fields(Scenario)]
     for change in changes:
         if change not in fields:

@@ -68,6 +68,12 @@ class Limited:
         return tuple(self.model.names)[1:]
 
     @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: m of a prismatic joint, else rad."""
+        prismatic = [joint.shortname().startswith("JointModelP") for joint in self.model.joints]
+        return tuple("m" if slides else "rad" for slides in prismatic[1:])
+
+    @property
     def assumed(self) -> frozenset[str]:
         """Which limits, "acceleration" or "jerk", are assumed for at least one joint."""
         return frozenset(name for name in self._assumed if self.is_assumed(name).any())
@@ -153,13 +159,12 @@ class Limited:
         """
         worst = int(np.argmin(self.limit_margin(angles)))
         if self.limit_margin(angles)[worst] < 0.0:
-            prismatic = self.model.joints[worst + 1].shortname().startswith("JointModelP")
             raise JointLimitViolated(
                 self.joints[worst],
                 angles[worst],
                 self.lower[worst],
                 self.upper[worst],
-                "m" if prismatic else "rad",
+                self.joint_units[worst],
             )
 
     def _set_limits(

@@ -30,30 +30,9 @@ SLOW = 0.01
 class Outcome:
     """The numbers of a trial; NaN in a trial that failed.
 
-    The tip carries the camera. The effector is the point of the shaft that lay on the trocar at
-    the start. Errors are distances from where they were asked to be at the same instant.
-
-    Attributes:
-        operator: number of the person.
-        group: novice or experienced.
-        arm, controller: names.
-        period: sampling period [s].
-        feed_forward, limits_enforced, gain, assumed: what the controller was given, as
-            given_cells() has it.
-        finished: whether every objective was reached.
-        completion_s: when the last one was; NaN if not all were.
-        reached_s: when each was.
-        looking_s: the time spent finding out where the objectives reached are: drawn, not moved.
-        obstacle_tip_mm: least distance of the camera, as a point, from the obstacle's surface.
-        obstacle_shaft_mm: least distance of the shaft's surface from it; negative inside.
-        collided: whether the shaft touched it.
-        tip_speed_rms_mm_s: of the tip asked for.
-        slow_share: part of the sampling instants to which the camera came slower than SLOW.
-        rcm_rms_moving_mm: RCM error at the others.
-        speed_ratio_max: largest joint speed over its limit.
-        limit_margin_min_rad: least distance of a joint from a position limit.
-        digest: of the whole run.
-        failure: why there is no run; empty where there is one.
+    The vocabulary says what each number means, see TRIALS there. ``feed_forward``,
+    ``limits_enforced``, ``gain`` and ``assumed`` are as given_cells() has them. ``failure`` says
+    why there is no run, and is empty where there is one.
     """
 
     operator: int

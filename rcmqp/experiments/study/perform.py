@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
+from rcmqp.experiments.batch import Progress, batch, check_jobs
 from rcmqp.experiments.study.fingerprint import fingerprint
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
@@ -25,8 +25,6 @@ from rcmqp.runs.simulate import simulate, versions
 
 RUNS = "runs"
 """Folder of the trials' files, in the study's."""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -72,8 +70,7 @@ def perform(
     Args:
         study: what to run.
         out: folder, made if it is not there; on a cluster, one that every worker sees.
-        jobs: how many processes; joblib's n_jobs, so -1 is one for each core. A backend chosen
-            with joblib.parallel_config(), such as Dask's, is used.
+        jobs: how many processes, see batch().
         progress: called with a title, how many trials were done since the last call, and in all.
 
     Raises:
@@ -81,8 +78,7 @@ def perform(
         OptionError: an arm is there twice, or ``jobs`` is 0.
         RcmqpError: scenario, arm or controller cannot be made.
     """
-    if not isinstance(jobs, int) or jobs == 0:
-        raise OptionError(f"jobs = {jobs!r}, a whole number of processes, or -1 for every core")
+    check_jobs(jobs)
     folder = make_folder(out).resolve()  # workers may be elsewhere
     runs = make_folder(folder / RUNS)
     check_writable(runs / f"a_trial{SUFFIX}")
@@ -101,14 +97,12 @@ def perform(
     notes += [f"{reason}; {count} trials are made again" for reason, count in told.items()]
     report = progress or (lambda title, done, total: None)
     report("trials", len(trials) - len(todo), len(trials))
-    work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")(
-        delayed(run_trial)(
-            trial, folder, CONTROLLERS[trial.law.name], made_of[trial.arm, trial.law]
-        )
+    work = [
+        (trial, folder, CONTROLLERS[trial.law.name], made_of[trial.arm, trial.law])
         for trial in todo
-    )
+    ]
     try:
-        for _ in work:
+        for _ in batch(run_trial, work, jobs=jobs):
             report("trials", 1, len(trials))
     except RunFileError as error:
         done = sum(trial_file(folder, trial).is_file() for trial in trials)

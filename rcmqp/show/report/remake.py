@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.references.paths import Foreign
 from rcmqp.runs.run import Run
-from rcmqp.show.markdown import literal
+from rcmqp.show.labels import versions_text
 from rcmqp.show.report.groups import Group
-from rcmqp.show.viewer.table import versions_text
+from rcmqp.show.table import literal
 
 DIGITS = 12
 """How much of a digest is shown; the whole is in the CSV file."""
