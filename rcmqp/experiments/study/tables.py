@@ -19,7 +19,7 @@ from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Study
 from rcmqp.experiments.study.statistics import Summary, summary
-from rcmqp.references.operators import GROUPS, PARAMETERS, CameraTrial
+from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
 from rcmqp.runs.metrics import ROUNDING, Metrics
 from rcmqp.runs.printable import csv_text
 from rcmqp.show.labels import given_words
@@ -187,8 +187,8 @@ def operators_csv(study: Study) -> str:
     ]
     law, arm = study.laws[0], study.arms[0]
     for trial in study.trials():
-        path = trial.made().path
-        if trial.law == law and trial.arm == arm and isinstance(path, CameraTrial):
+        if trial.law == law and trial.arm == arm:
+            path = camera_trial(trial.made().path, study.scenario)
             rows.append({"operator": trial.operator, **dataclasses.asdict(path.operator)})
     return csv_text(["operator", "group", *PARAMETERS], rows)
 

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 
 from rcmqp.errors import OptionError
-from rcmqp.references.paths.view_moves import check_views
+from rcmqp.references.paths.view_moves import check_views, tips
 from rcmqp.references.view import ViewCommand
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,3 +39,12 @@ class ViewSteps:
         """The view held at ``t`` [s]; ``tip_depth`` does not matter."""
         index = int(t / self.dwell + 1e-9)  # a sampling instant at a jump belongs to the next view
         return ViewCommand(*self.views[min(max(index, 0), len(self.views) - 1)])
+
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """Tips of the views, each once; see Shows."""
+        return tips(self.views, tip_depth)
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """None."""
+        return ()
