@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import joblib
 import pytest
 
-from rcmqp import Arm, arm_names, load_arm
+from rcmqp import Arm, Insertion, Instrument, Scenario, arm_names, load_arm, load_scenario
 
 
 @pytest.fixture(scope="session", params=arm_names())
@@ -19,6 +19,18 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 def lwa3() -> Arm:
     """A spherical-revolute-spherical arm whose numbers are known in closed form."""
     return load_arm("lwa3")
+
+
+@pytest.fixture(scope="session")
+def insertion() -> Insertion:
+    """The Panda at its home, the trocar where its shaft is."""
+    return Insertion.on_shaft(load_arm("panda"), Instrument())
+
+
+@pytest.fixture(scope="session")
+def helix() -> Scenario:
+    """The paper's helix on the LWA3."""
+    return load_scenario("conical_helix", "lwa3")
 
 
 @pytest.fixture

@@ -9,11 +9,21 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from numpy.typing import ArrayLike
 
+from rcmqp import Run, Scenario, make_controller, scenario_names, simulate
 from rcmqp.maths.dualquaternion import Array
 
 assert_allclose = np.testing.assert_allclose
+
+every_scenario = pytest.mark.parametrize("name", scenario_names())
+
+
+def ran(scenario: Scenario, controller: str = "dual_quaternion", **options: object) -> Run:
+    """The run of a scenario under a controller by name."""
+    made = make_controller(controller, scenario.insertion(), scenario.period, **options)
+    return simulate(scenario, made)
 
 
 def derivative(f: Callable[[float], ArrayLike], h: float = 1e-3) -> Array:
