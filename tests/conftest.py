@@ -2,11 +2,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import joblib
 import pytest
 
-from rcmqp import Arm, Insertion, Instrument, Scenario, arm_names, load_arm, load_scenario
+from rcmqp import Arm, Insertion, Instrument, Run, Scenario, arm_names, load_arm, load_scenario
+
+if TYPE_CHECKING:
+    from opened import Opened
 
 
 @pytest.fixture(scope="session", params=arm_names())
@@ -31,6 +35,15 @@ def insertion() -> Insertion:
 def helix() -> Scenario:
     """The paper's helix on the LWA3."""
     return load_scenario("conical_helix", "lwa3")
+
+
+@pytest.fixture(scope="module")
+def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    """The page of a test file's ``runs`` in a browser."""
+    from opened import opening  # matplotlib takes long to import
+
+    with opening(runs, tmp_path_factory.mktemp("page")) as page:
+        yield page
 
 
 @pytest.fixture

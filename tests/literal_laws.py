@@ -35,18 +35,8 @@ ARMS = ["lwa3", "meka_a2", "ur5"]
 on_each_arm = pytest.mark.parametrize("arm", ARMS)
 
 
-@functools.cache
-def inserted(arm: str) -> Insertion:
-    return load_scenario("conical_helix", arm).insertion()
-
-
 def made(name: str, insertion: Insertion, period: float = PERIOD, **options: Any) -> Controller:
     return make_controller(name, insertion, period, **options)
-
-
-def near_start(insertion: Insertion, rng: np.random.Generator, spread: float = 0.2) -> ArmState:
-    angles = insertion.angles_start + rng.uniform(-spread, spread, insertion.arm.nv)
-    return insertion.state(insertion.arm.configuration(angles))
 
 
 def near(state: ArmState, rng: np.random.Generator, scale: float = 0.02) -> Reference:
@@ -74,10 +64,6 @@ def follow(
         answers.append(controller.step(states[-1], reference))
         q = pin.integrate(insertion.arm.model, q, controller.period * answers[-1].v)
     return states, answers
-
-
-def size(v: Array) -> float:
-    return float(np.linalg.norm(v))
 
 
 class Geometry:
@@ -125,10 +111,6 @@ class Geometry:
         """(3,) from the tip to the desired tip."""
         along = dq.rotate(dq.P(x_d), np.array([0.0, 0.0, self.insertion.tip_depth]))
         return np.asarray(dq.translation(x_d) + along - self.tip)
-
-
-def nearer(x_d: Array, x: Array) -> Array:
-    return x_d if x_d[:4] @ x[:4] >= 0.0 else -x_d
 
 
 def stacked(insertion: Insertion, state: ArmState, pivot: Array) -> Array:

@@ -5,11 +5,11 @@ It has its own dual-quaternion product, Pinocchio's Jacobian in world axes and n
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from helpers import nearer
 
 from rcmqp import (
     ArmState,
@@ -17,7 +17,6 @@ from rcmqp import (
     Reference,
     arm_names,
     load_arm,
-    load_scenario,
     make_controller,
 )
 from rcmqp.controllers import DualQuaternion
@@ -41,14 +40,6 @@ def conjugate(x: Array) -> Array:
     return np.array([x[0], *-x[1:4], x[4], *-x[5:]])
 
 
-def size(v: Array) -> float:
-    return float(np.linalg.norm(v))
-
-
-def nearer(x_d: Array, x: Array) -> Array:
-    return x_d if x_d[:4] @ x[:4] >= 0.0 else -x_d
-
-
 def pose_jacobian(insertion: Insertion, state: ArmState) -> Array:
     """J of (1), (8, n): x' = (omega + eps v) x / 2, with the twist at the world's origin."""
     model = insertion.arm.model
@@ -69,21 +60,10 @@ def matrix_N(insertion: Insertion, state: ArmState, x_d: Array) -> Array:
     return np.column_stack([product(conjugate(column), x_d) for column in columns])
 
 
-@functools.cache
-def inserted(arm: str) -> Insertion:
-    return load_scenario("conical_helix", arm).insertion()
-
-
 def controller(insertion: Insertion, **options: Any) -> DualQuaternion:
     made = make_controller("dual_quaternion", insertion, PERIOD, **options)
     assert isinstance(made, DualQuaternion)
     return made
-
-
-def near_start(insertion: Insertion, rng: np.random.Generator) -> ArmState:
-    """A state some 10 degrees from the start: no symmetry left, no singularity near."""
-    angles = insertion.angles_start + rng.uniform(-0.2, 0.2, insertion.arm.nv)
-    return insertion.state(insertion.arm.configuration(angles))
 
 
 def moving(x_d: Array, rate: Array) -> Reference:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-
 import pytest
 
-from rcmqp import Insertion, Reference, ViewCommand, load_scenario, view_pose
+from rcmqp import Insertion, Reference, ViewCommand, view_pose
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import ConicalHelix
@@ -14,11 +12,6 @@ from rcmqp.references.view import carried
 
 T = 8e-3
 every_controller = pytest.mark.parametrize("name", list(CONTROLLERS))
-
-
-@functools.cache
-def inserted(arm: str = "lwa3") -> Insertion:
-    return load_scenario("conical_helix", arm).insertion()
 
 
 def view(insertion: Insertion, t: float = 5.0) -> Reference:

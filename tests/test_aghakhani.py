@@ -7,19 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import assert_allclose
-from literal_laws import (
-    PERIOD,
-    Geometry,
-    follow,
-    inserted,
-    made,
-    near,
-    near_start,
-    on_each_arm,
-    quick_helix,
-    size,
-)
+from helpers import assert_allclose, inserted, near_start, size
+from literal_laws import PERIOD, Geometry, follow, made, near, on_each_arm, quick_helix
 
 from rcmqp import ArmState, Insertion, Reference
 from rcmqp.controllers import Aghakhani

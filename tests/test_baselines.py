@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import assert_allclose, shaft_distance
-from literal_laws import PERIOD, follow, helix, inserted, made, on_each_arm, quick_helix, stacked
+from helpers import assert_allclose, inserted, shaft_distance
+from literal_laws import PERIOD, follow, helix, made, on_each_arm, quick_helix, stacked
 
 from rcmqp import ViewCommand, compute_metrics, view_pose
 from rcmqp.controllers import TaskPriority

@@ -14,19 +14,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import assert_allclose
+from helpers import assert_allclose, inserted, near_start, nearer, size
 from paper_law import (
     PERIOD,
     SEVEN_JOINTS,
     controller,
     error,
-    inserted,
     matrix_N,
     moved,
-    near_start,
-    nearer,
     pose_jacobian,
-    size,
     still,
 )
 

@@ -7,20 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from helpers import assert_allclose
+from helpers import assert_allclose, inserted, near_start, nearer, size
 from paper_law import (
     PERIOD,
     SEVEN_JOINTS,
     controller,
     error,
-    inserted,
     matrix_N,
     moved,
     moving,
-    near_start,
-    nearer,
     product,
-    size,
     still,
 )
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stopping import T, every_controller, home, inserted, view
+from helpers import inserted
+from stopping import T, every_controller, home, view
 
 from rcmqp import Arm, Insertion, Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.cli.console import warnings

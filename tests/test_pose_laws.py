@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from helpers import assert_allclose
-from literal_laws import Geometry, inserted, made, near, near_start, nearer, on_each_arm, size
+from helpers import assert_allclose, inserted, near_start, nearer, size
+from literal_laws import Geometry, made, near, on_each_arm
 
 from rcmqp import ArmState, Insertion
 from rcmqp.maths import dualquaternion as dq

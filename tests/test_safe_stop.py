@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import across, assert_allclose
-from stopping import T, every_controller, home, inserted, view
+from helpers import across, assert_allclose, inserted
+from stopping import T, every_controller, home, view
 
 from rcmqp import (
     Command,

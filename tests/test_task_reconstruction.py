@@ -6,19 +6,8 @@ import math
 
 import numpy as np
 import pinocchio as pin
-from helpers import assert_allclose, shaft_distance
-from literal_laws import (
-    PERIOD,
-    Geometry,
-    follow,
-    inserted,
-    made,
-    near,
-    near_start,
-    on_each_arm,
-    size,
-    stacked,
-)
+from helpers import assert_allclose, inserted, near_start, shaft_distance, size
+from literal_laws import PERIOD, Geometry, follow, made, near, on_each_arm, stacked
 
 from rcmqp import ArmState, Reference, ViewCommand, load_scenario, simulate, view_pose
 from rcmqp.controllers.task_reconstruction import (

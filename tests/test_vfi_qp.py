@@ -7,18 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from helpers import assert_allclose, shaft_distance
-from literal_laws import (
-    PERIOD,
-    Geometry,
-    follow,
-    inserted,
-    made,
-    near,
-    near_start,
-    nearer,
-    on_each_arm,
-)
+from helpers import assert_allclose, inserted, near_start, nearer, shaft_distance
+from literal_laws import PERIOD, Geometry, follow, made, near, on_each_arm
 from scipy.optimize import lsq_linear
 
 from rcmqp import (
