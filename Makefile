@@ -1,5 +1,6 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
 # make tables: the tables of README.md and docs/, each by the command in front of it; some minutes.
+# make test-fast: the tests that need no browser, study or long run; about a minute on two cores.
 # make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
 VENV ?= .venv
@@ -8,7 +9,7 @@ INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
 
-.PHONY: demo pictures tables test franka lint types check clean
+.PHONY: demo pictures tables test test-fast franka lint types check clean
 
 demo: $(INSTALLED)
 	$(BIN)/rcmqp reproduce --out results
@@ -22,6 +23,9 @@ tables: $(INSTALLED)
 
 test: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+
+test-fast: $(INSTALLED)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
 
 franka: $(FRANKA)
 	OMP_NUM_THREADS=1 timeout 900 $(BIN)/python -m pytest tests/franka

@@ -13,6 +13,31 @@ if TYPE_CHECKING:
     from opened import Opened
 
 
+SLOW = """
+approach at_rest baselines behaviour benchmarks cli compare contour damaged dampers
+doc_tables dual_quaternion_controller dual_quaternion_options experiment_a experiment_b
+governor hands hostile image_upright joint_limits learning loopback operator_hands
+operators package plugins promises qp_oracle readme report reproduce run_file safe_stop
+simulate stress study study_tables task_reconstruction untrusted vfi_qp viewer
+viewer_capture viewer_odd viewer_page viewer_picture viewer_shapes watchdog
+"""
+"""Files test_*.py that `make test-fast` leaves out: browsers, studies, many runs, processes."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is in the slow files."""
+    for item in items:
+        if item.path.stem.removeprefix("test_") in SLOW.split():
+            item.add_marker("slow")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say what was left out."""
+    if terminalreporter.config.option.markexpr == "not slow":
+        terminalreporter.section("left out, make test runs them")
+        terminalreporter.write_line(" ".join(SLOW.split()))
+
+
 @pytest.fixture(scope="session", params=arm_names())
 def arm(request: pytest.FixtureRequest) -> Arm:
     """Every registered arm, one after the other; it keeps no state between calls."""
