@@ -1,6 +1,7 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
 # make tables: the tables of README.md and docs/, each by the command in front of it; some minutes.
 # make lint, make types: Python and the viewer's JavaScript; they need npm for the latter.
+# make test-fast: the tests that need no browser, study or long run; about a minute on two cores.
 # make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
 VENV ?= .venv
@@ -10,7 +11,7 @@ INSTALLED := $(VENV)/.installed
 FRANKA := $(VENV)/.franka
 NODE := node_modules/.package-lock.json
 
-.PHONY: demo pictures tables test franka lint types check clean
+.PHONY: demo pictures tables test test-fast franka lint types check clean
 
 demo: $(INSTALLED)
 	$(BIN)/rcmqp reproduce --out results
@@ -25,6 +26,9 @@ tables: $(INSTALLED)
 
 test: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+
+test-fast: $(INSTALLED)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
 
 franka: $(FRANKA)
 	OMP_NUM_THREADS=1 timeout 900 $(BIN)/python -m pytest tests/franka

@@ -39,6 +39,20 @@ class UnknownName(RcmqpError, LookupError):
         super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(self.known)})")
 
 
+class PluginError(RcmqpError):
+    """A name that another distribution adds by an entry point cannot be used.
+
+    Attributes:
+        group: of the entry point.
+        name: what it is called.
+        distribution: name and version of who adds it.
+    """
+
+    def __init__(self, group: str, name: str, distribution: str, reason: str) -> None:
+        self.group, self.name, self.distribution = group, name, distribution
+        super().__init__(f"{name!r} in {group}, of the distribution {distribution}: {reason}")
+
+
 class ArmError(RcmqpError):
     """An arm's model cannot be read, or is not a fixed-base serial arm."""
 

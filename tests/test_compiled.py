@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 from dataclasses import astuple
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import assert_allclose
+from helpers import assert_allclose, inserted
 
 from rcmqp import (
     ArmState,
@@ -19,7 +18,6 @@ from rcmqp import (
     Reference,
     ViewCommand,
     _kernel,
-    load_scenario,
     view_pose,
 )
 from rcmqp.controllers import DualQuaternion
@@ -37,11 +35,6 @@ OPTIONS: list[dict[str, Any]] = [
     {"damping": 0.05, "velocity_limit": "clip"},
     {"tolerance": 0.05, "K_c": 3.0, "c_d": 0.4, "objective": "joint_centring"},
 ]
-
-
-@functools.cache
-def inserted(arm: str) -> Insertion:
-    return load_scenario("conical_helix", arm).insertion()
 
 
 def some_state(insertion: Insertion, rng: np.random.Generator, k: int) -> ArmState:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import assert_allclose, derivative
+from pinocchio.utils import rotate
 from scipy.integrate import quad
 
 from rcmqp import ViewCommand, view_pose
@@ -22,6 +23,7 @@ from rcmqp.references.paths import (
     HandTrace,
     Lissajous,
     Path,
+    Shows,
     ViewMoves,
     ViewSteps,
     views_of,
@@ -61,6 +63,23 @@ def test_every_path_is_tested_here_and_keeps_to_the_protocol(name: str) -> None:
     assert isinstance(path, Path)
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(path, next(iter(inspect.signature(PATHS[name]).parameters)), 1.0)
+
+
+@pytest.mark.parametrize("path", [STEPS, MOVES], ids=["steps", "moves"])
+def test_views_have_their_tips_as_targets_each_once(path: ViewSteps | ViewMoves) -> None:
+    """A tip by rotation matrices: y turned by alpha, x by beta, then along z."""
+    twice = dataclasses.replace(path, views=path.views + path.views)
+    expected = []
+    for alpha, beta, _, t_z in path.views:
+        turned = rotate("y", alpha) @ rotate("x", beta)
+        expected.append(turned @ np.array([0.0, 0.0, TIP_DEPTH + t_z]))
+    assert isinstance(twice, Shows)
+    assert twice.spheres == ()
+    assert_allclose(twice.targets(TIP_DEPTH), expected, rtol=0, atol=1e-9)
+
+
+def test_a_helix_shows_nothing() -> None:
+    assert not isinstance(ConicalHelix(), Shows)
 
 
 @EVERY_PATH

@@ -118,6 +118,13 @@ def test_the_root_is_imported_for_its_version_only() -> None:
         assert used <= {"__version__"}, f"{room}: {file.name}"
 
 
+def test_people_do_not_leak() -> None:
+    """What is to be seen on a path, and whether somebody steers, is asked of the path."""
+    asking = re.compile(r"isinstance\([^()]*\bCameraTrial\b")
+    files = [file for file in PACKAGE.rglob("*.py") if asking.search(file.read_text("utf-8"))]
+    assert {file.parent.name for file in files} == {"operators"}
+
+
 def test_contributing_has_the_rooms_in_their_order() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     listed = re.findall(r"^- `(\w+)(?:\.py|/)`", text, re.MULTILINE)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import assert_allclose
-from opened import Opened, opening
+from opened import Opened
 
 from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.maths import dualquaternion as dq
@@ -46,12 +45,6 @@ def runs() -> list[Run]:
         )
         found.append(simulate(scenario, controller))
     return found
-
-
-@pytest.fixture(scope="module")
-def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
-    with opening(runs, tmp_path_factory.mktemp("page")) as page:
-        yield page
 
 
 @pytest.fixture

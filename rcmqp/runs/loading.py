@@ -20,12 +20,20 @@ from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.loading import arm_names
+from rcmqp.world.plugins import distribution, load, points
+
+GROUP = "rcmqp.scenarios"
+"""Of the entry points whose modules are scenarios."""
 
 
 def scenario_names() -> list[str]:
-    """Names that load_scenario() knows, sorted."""
+    """Names that load_scenario() knows, sorted; those of plug-ins are among them."""
+    return sorted(_own_names() | points(GROUP).keys())
+
+
+def _own_names() -> set[str]:
     package = importlib.import_module("rcmqp.scenarios")
-    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+    return {module.name for module in pkgutil.iter_modules(package.__path__)}
 
 
 def load_scenario(
@@ -108,12 +116,20 @@ def scenario_module(name: str) -> ModuleType:
     Raises:
         UnknownName: there is no such scenario.
         OptionError: the file is not there, or has no function ``scenario``.
+        PluginError: the plug-in that has the scenario cannot be used.
     """
-    if not name.endswith(".py"):
-        name = name.replace("-", "_")
-        if name not in scenario_names():
-            raise UnknownName("scenario", name, scenario_names())
+    if name.endswith(".py"):
+        return _checked(name, _module_of_file(name))
+    name = name.replace("-", "_")
+    if name in _own_names():
         return importlib.import_module(f"rcmqp.scenarios.{name}")
+    if name not in points(GROUP):
+        raise UnknownName("scenario", name, scenario_names())
+    module: ModuleType = load(GROUP, name)
+    return _checked(f"{name} of {distribution(GROUP, name)}", module)
+
+
+def _module_of_file(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(Path(name).stem, name)
     if not Path(name).is_file() or spec is None or spec.loader is None:
         raise OptionError(
@@ -124,6 +140,11 @@ def scenario_module(name: str) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _checked(name: str, module: ModuleType) -> ModuleType:
+    """The module, whose function ``scenario`` can be called as those of rcmqp are."""
     try:
         inspect.signature(module.scenario).bind("an arm", flange=None)
     except (AttributeError, TypeError, ValueError) as error:

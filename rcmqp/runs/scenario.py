@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
-from collections import ChainMap
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -42,6 +42,7 @@ from rcmqp.world.instrument import Camera, Instrument, Trocar
 from rcmqp.world.loading import arm_names, load_arm
 from rcmqp.world.motions import MOTIONS, Motion, Still
 from rcmqp.world.obstacles import Sphere
+from rcmqp.world.plugins import Registry
 
 DEFAULT_ARM = "lwa3"
 
@@ -82,7 +83,7 @@ def _text(name: str, value: str) -> str:
 
 
 def _path(name: str, path: Path | Steered) -> Path | Steered:
-    if type(path) not in (*_KINDS["path"].values(), Foreign):
+    if not isinstance(path, Foreign) and _kind_of("path", path) is None:
         raise OptionError(
             f"{name} = {path!r} is of no registered kind; add its class to "
             "rcmqp.references.paths.PATHS"
@@ -396,12 +397,11 @@ class Scenario:
             del data["planner_from"]
         if self.limits is not None:  # else as in files of earlier versions, whose digest stays
             data["limits"] = self.limits.to_data()
-        for name, kinds in _KINDS.items():
+        for name in _KINDS:
             if isinstance(self.path, Foreign) and name == "path":
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
                 continue
-            kind = {cls: kind for kind, cls in kinds.items()}[type(getattr(self, name))]
-            data[name] = {"kind": kind, **data[name]}
+            data[name] = {"kind": _kind_of(name, getattr(self, name)), **data[name]}
         return json.dumps(data, allow_nan=False)
 
     @classmethod
@@ -422,7 +422,7 @@ class Scenario:
             path = data["path"]
             if not isinstance(path["kind"], str):
                 raise TypeError(f"kind = {path['kind']!r:.50}, it must be text")
-            known = path["kind"] in _KINDS["path"]
+            known = any(path["kind"] in registry for registry in _KINDS["path"])
             numbers = {name: value for name, value in path.items() if name != "kind"}
             data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
             for part in _KINDS.keys() & data.keys() - {"path"}:
@@ -452,10 +452,10 @@ class Scenario:
             ) from error
 
 
-_KINDS: dict[str, Mapping[str, type]] = {
-    "path": ChainMap(PATHS, STEERED),
-    "motion": MOTIONS,
-    "plant": PLANTS,
+_KINDS: dict[str, tuple[Registry[Any], ...]] = {
+    "path": (PATHS, STEERED),
+    "motion": (MOTIONS,),
+    "plant": (PLANTS,),
 }
 """Fields of a scenario that are one of several kinds, and those kinds."""
 
@@ -464,9 +464,16 @@ def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
     """A path, motion or plant out of its own numbers and its ``kind``."""
     options = dict(data)
     kind = options.pop("kind")
-    if kind not in _KINDS[name]:
-        raise UnknownName(name, kind, _KINDS[name])
-    return _KINDS[name][kind](**options)
+    for registry in _KINDS[name]:
+        if kind in registry:
+            return registry[kind](**options)
+    raise UnknownName(name, kind, itertools.chain(*_KINDS[name]))
+
+
+def _kind_of(name: str, value: object) -> str | None:
+    """The ``kind`` of a path, motion or plant; None if its class is in no registry."""
+    kinds = (registry.name_of(type(value)) for registry in _KINDS[name])
+    return next(filter(None, kinds), None)
 
 
 def blocks(cycles: int) -> Iterator[range]:

@@ -15,10 +15,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rcmqp.errors import ArmError, UnknownName
+from rcmqp.errors import ArmError, PluginError, UnknownName
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm, find_frame
 from rcmqp.world.arm_limits import Given, GivenPosition, SpeedNearLimits
+from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.urdf import limits_of, mimics_of, model_of
 
 MOST_URDF = 64_000_000
@@ -26,17 +27,19 @@ MOST_URDF = 64_000_000
 
 _EXAMPLE_ROBOT_DATA = "example-robot-data"
 
+GROUP = "rcmqp.arms"
+"""Of the entry points whose packages are arms."""
+
 
 def arm_names() -> list[str]:
-    """Names of the arms that load_arm() knows, sorted."""
-    return sorted(entry.name for entry in _robots().iterdir() if (entry / "robot.toml").is_file())
+    """Names of the arms that load_arm() knows, sorted; those of plug-ins are among them."""
+    return sorted(_own_names() | points(GROUP).keys())
 
 
 def arm_title(name: str) -> str:
     """What people call the arm: the title in its robot.toml, or a URDF's file name."""
-    if name in arm_names():
-        return str(_entry(name)["title"])
-    return Path(name).stem
+    folder = _folder(name)
+    return Path(name).stem if folder is None else str(_entry(folder)["title"])
 
 
 def load_arm(
@@ -78,6 +81,7 @@ def load_arm(
         FrameNotFound: the URDF has no such frame.
         ArmError: the file is missing, is no URDF, or holds no fixed-base serial arm.
         OptionError: a limit is not allowed.
+        PluginError: the arm is a plug-in's, which cannot be used.
     """
     if not isinstance(name, str | os.PathLike):
         raise ArmError(f"{name!r} is no arm; give a name, one of {arm_names()}, or a URDF's path")
@@ -92,30 +96,55 @@ def load_arm(
     path = Path(name)
     if path.suffix.lower() in (".urdf", ".xml", ".xacro") or path.parent != Path():
         return _load_urdf(path, flange, home, locked or {}, by_hand)
-    if str(name) not in arm_names():
+    folder = _folder(str(name))
+    if folder is None:
         raise UnknownName("arm", str(name), arm_names())
     if flange is not None or home is not None or locked is not None:
         raise ArmError(
             f"flange, home and locked go with a URDF's path; {name} has its own in robot.toml"
         )
-    return _load_named(str(name), by_hand)
+    return _load_named(str(name), folder, by_hand)
 
 
 def _robots() -> Path:
     return Path(str(importlib.resources.files("rcmqp.robots")))
 
 
-def _entry(name: str) -> dict[str, Any]:
-    file = _robots() / name / "robot.toml"
+def _own_names() -> set[str]:
+    return {entry.name for entry in _robots().iterdir() if (entry / "robot.toml").is_file()}
+
+
+def _folder(name: str) -> Path | None:
+    """The folder of a named arm, None if no arm has the name.
+
+    A plug-in's entry point is a package whose folder holds robot.toml.
+    """
+    if name in _own_names():
+        return _robots() / name
+    if name not in points(GROUP):
+        return None
+    package = load(GROUP, name)
+    folders = [Path(folder) for folder in getattr(package, "__path__", ())]
+    for folder in folders:
+        if (folder / "robot.toml").is_file():
+            return folder
+    whose = distribution(GROUP, name)
+    raise PluginError(
+        GROUP, name, whose, f"gives {package!r:.120}, it must be a package with a robot.toml"
+    )
+
+
+def _entry(folder: Path) -> dict[str, Any]:
+    file = folder / "robot.toml"
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
         raise ArmError(f"{file} is not TOML: {error}") from error
 
 
-def _load_named(name: str, by_hand: Mapping[str, Any]) -> Arm:
-    entry = _entry(name)
-    urdf = _resolve(_robots() / name, entry["urdf"])
+def _load_named(name: str, folder: Path, by_hand: Mapping[str, Any]) -> Arm:
+    entry = _entry(folder)
+    urdf = _resolve(folder, entry["urdf"])
     frame = entry["flange"]
     offset = pin.SE3(
         pin.rpy.rpyToMatrix(np.array(frame.get("rpy", [0.0, 0.0, 0.0]))),

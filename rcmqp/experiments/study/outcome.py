@@ -12,7 +12,7 @@ import numpy as np
 from rcmqp.experiments.study.plan import Trial
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.operators import CameraTrial, recognition_times
+from rcmqp.references.operators import camera_trial, recognition_times
 from rcmqp.references.operators.camera_task import clearance, reached
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
@@ -73,8 +73,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         The numbers; and the traces by name, see TRACES.
     """
     scenario = run.scenario
-    path = scenario.path
-    assert isinstance(path, CameraTrial)
+    path = camera_trial(scenario.path, scenario.name)
     insertion, task = scenario.insertion(), path.task
     back = dq.quaternion_conj(dq.P(insertion.x_rcm))
     pivot = np.array(scenario.trocar.pivot)
@@ -127,8 +126,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
 
 def failed_outcome(trial: Trial, scenario: Scenario, reason: str) -> Outcome:
     """Of a trial that came to no end."""
-    path = scenario.path
-    assert isinstance(path, CameraTrial)
+    path = camera_trial(scenario.path, scenario.name)
     group, law = path.operator.group, str(trial.law)
     return Outcome(trial.operator, group, scenario.arm, law, scenario.period, failure=reason)
 

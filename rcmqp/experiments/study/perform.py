@@ -13,12 +13,12 @@ import numpy as np
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
 from rcmqp.experiments.batch import Progress, batch, check_jobs
-from rcmqp.experiments.study.fingerprint import fingerprint
+from rcmqp.experiments.study.identity import identity
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
 from rcmqp.experiments.study.record import SUFFIX, Record
 from rcmqp.files import check_writable, make_folder, sweep
-from rcmqp.references.operators import CameraTrial
+from rcmqp.references.operators import camera_trial
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate, versions
@@ -65,7 +65,7 @@ def perform(
     Whoever runs a trial writes its file, at once or not at all: a study that is killed goes on
     where it was when it is started again, and what comes of it is the same. Files that are
     damaged, trials that failed, and those of a controller or URDF that has changed since, see
-    fingerprint(), are made again. The outcomes do not depend on the number of jobs.
+    identity(), are made again. The outcomes do not depend on the number of jobs.
 
     Args:
         study: what to run.
@@ -134,7 +134,7 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller], made_of: str) 
         folder: of the study.
         kind: the trial's controller; it comes along because another process knows those of
             rcmqp only.
-        made_of: the controller's fingerprint().
+        made_of: the trial's identity().
 
     Raises:
         RunFileError: the file cannot be written.
@@ -170,7 +170,7 @@ def _check_makeable(study: Study) -> dict[tuple[str, Law], str]:
     """Find before the work what cannot be made at all, or would be counted twice.
 
     Returns:
-        The fingerprint() of each arm's and law's controller.
+        The identity() of each arm's and law's controller.
 
     Raises:
         OptionError: two arms are the same one, or two trials would share a file.
@@ -181,10 +181,11 @@ def _check_makeable(study: Study) -> dict[tuple[str, Law], str]:
     for trial in firsts:
         scenario = trial.made()
         controller = trial.law.controller(scenario)
-        assert isinstance(scenario.path, CameraTrial)
-        scenario.path.start(controller.insertion, scenario.period, scenario.seed)
+        camera_trial(scenario.path, scenario.name).start(
+            controller.insertion, scenario.period, scenario.seed
+        )
         arms.append(scenario.arm)
-        made_of[trial.arm, trial.law] = fingerprint(controller)
+        made_of[trial.arm, trial.law] = identity(controller, scenario)
     if len(set(arms)) < len(study.arms):
         raise OptionError(f"arms = {study.arms} are only {sorted(set(arms))}; give each once")
     if len({trial.stem for trial in firsts}) < len(firsts):
@@ -221,7 +222,7 @@ def _missing(trial: Trial, folder: Path, made_of: str) -> str | None:
         return str(error)
     _check_whose(trial, record, file)
     if record.made_of != made_of:
-        return f"{trial.law} or the URDF has changed since it was run"
+        return f"{trial.law} or its code or URDF has changed since it was run"
     return "" if record.outcome.failure else None
 
 

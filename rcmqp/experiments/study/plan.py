@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.options import options, refused, rule, whole
-from rcmqp.references.operators import CameraTrial, Learning, Operator, operator_of_study
+from rcmqp.references.operators import Learning, Operator, camera_trial, operator_of_study
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
@@ -106,7 +106,7 @@ class Trial:
     """One operator, one arm, one controller.
 
     Attributes:
-        scenario: name or file of a scenario whose path is a CameraTrial.
+        scenario: name or file of a scenario whose path is a camera_trial().
         operator: number of the person in the study.
         seed: of the study.
         arm: name or path of a URDF; empty for the scenario's own.
@@ -140,19 +140,15 @@ class Trial:
         flange = None if self.arm in ("", *arm_names()) else self.flange
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
         base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
-        if not isinstance(base.path, CameraTrial):
-            raise OptionError(
-                f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
-                "study needs a CameraTrial, as camera_task has"
-            )
-        if base.path.operator != Operator():
+        given = camera_trial(base.path, self.scenario)
+        if given.operator != Operator():
             raise OptionError(
                 f"{self.scenario} has an operator of its own, and a study draws its people; leave "
                 "the operator out, or run the scenario by itself with rcmqp run"
             )
         person, seed = operator_of_study(self.operator, self.seed)
         path = dataclasses.replace(
-            base.path, operator=person, learning=self.learning or base.path.learning
+            given, operator=person, learning=self.learning or given.learning
         )
         return dataclasses.replace(base, path=path, seed=seed)
 

@@ -17,7 +17,7 @@ from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Study
 from rcmqp.experiments.study.statistics import Summary, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
-from rcmqp.references.operators import GROUPS, PARAMETERS, CameraTrial
+from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
 from rcmqp.runs.measures import Measure
 from rcmqp.runs.metrics import ROUNDING, Metrics
 from rcmqp.show.labels import given_words
@@ -150,8 +150,8 @@ def operators_csv(study: Study) -> str:
     ]
     law, arm = study.laws[0], study.arms[0]
     for trial in study.trials():
-        path = trial.made().path
-        if trial.law == law and trial.arm == arm and isinstance(path, CameraTrial):
+        if trial.law == law and trial.arm == arm:
+            path = camera_trial(trial.made().path, study.scenario)
             person = dataclasses.asdict(path.operator)
             rows.append([trial.operator, person["group"], *(person[name] for name in PARAMETERS)])
     return Table(["operator", "group", *PARAMETERS], rows).csv()

@@ -14,6 +14,8 @@ from rcmqp.references.operators.omega7 import Omega7
 from rcmqp.references.operators.operator import Operator
 from rcmqp.references.operators.steering import Steering
 from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 
 @options
@@ -37,6 +39,15 @@ class CameraTrial:
     mapping: HandMapping = field(default_factory=HandMapping, metadata=part(HandMapping))
     duration: float = field(default=600.0, metadata=positive("s"))
     learning: Learning | None = field(default=None, metadata=or_none(part(Learning)))
+
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """The task's objectives; see rcmqp.references.paths.Shows."""
+        return self.task.targets
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """What the task asks to be shown."""
+        return self.task.spheres
 
     def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
         """The operator at the device; equal arguments do the same to the bit.
@@ -62,3 +73,21 @@ class CameraTrial:
             seed,
             self.learning,
         )
+
+
+def camera_trial(path: object, scenario: str) -> CameraTrial:
+    """The path of a scenario, in which a study can put its people.
+
+    Args:
+        path: any path.
+        scenario: what the scenario is called.
+
+    Raises:
+        OptionError: the path is no CameraTrial.
+    """
+    if isinstance(path, CameraTrial):
+        return path
+    raise OptionError(
+        f"nobody steers in {scenario}: its path is a {type(path).__name__}; a study needs a "
+        "CameraTrial, as camera_task has"
+    )

@@ -7,9 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import numpy as np
+
+from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.options import at_least, options, positive, refused, rule
 from rcmqp.maths.smooth import step
-from rcmqp.references.view import ViewCommand
+from rcmqp.references.view import ViewCommand, view_pose
+from rcmqp.world.camera import camera_pose
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 View: TypeAlias = tuple[float, float, float, float]
 
@@ -62,3 +68,21 @@ class ViewMoves:
         values = (start + s * (end - start) for start, end in pairs)
         rates = (ds_du / self.move * (end - start) for start, end in pairs)
         return ViewCommand(*values, *rates)
+
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """Tips of the views, each once; see Shows."""
+        return tips(self.views, tip_depth)
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """None."""
+        return ()
+
+
+def tips(
+    views: tuple[tuple[float, float, float, float], ...], tip_depth: float
+) -> tuple[Vector3, ...]:
+    """Where the tip is in each view, from the trocar in the axes of x_d(0) [m], each once."""
+    poses = np.array([view_pose(dq.IDENTITY, ViewCommand(*view)).x_d for view in views])
+    points = dq.translation(camera_pose(poses, tip_depth)).round(9).tolist()
+    return tuple(dict.fromkeys((x, y, z) for x, y, z in points))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from rcmqp.maths.options import options, positive, rule
-from rcmqp.references.paths.view_moves import View, plain_views
+from rcmqp.references.paths.view_moves import View, plain_views, tips
 from rcmqp.references.view import ViewCommand
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 
 @options
@@ -31,3 +33,12 @@ class ViewSteps:
         """The view held at ``t`` [s]; ``tip_depth`` does not matter."""
         index = int(t / self.dwell + 1e-9)  # a sampling instant at a jump belongs to the next view
         return ViewCommand(*self.views[min(max(index, 0), len(self.views) - 1)])
+
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """Tips of the views, each once; see Shows."""
+        return tips(self.views, tip_depth)
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """None."""
+        return ()
