@@ -60,7 +60,7 @@ class Stack:
         x_d_dot: Array,
         pivot: Array,
         pivot_dot: Array,
-        given: list[object],
+        given: list[tuple[Array, ...]],
         backend: Backend | None,
         /,
     ) -> tuple[Array, Array, dict[str, float], Ints, int] | None: ...
@@ -75,7 +75,7 @@ class Stack:
         x_d_dot: Array,
         pivot: Array,
         pivot_dot: Array,
-        given: list[object],
+        given: list[tuple[Array, ...]],
         /,
     ) -> tuple[Array, Array, Ints, Array, Array, Array, Array] | None: ...
     def reset(self) -> None: ...

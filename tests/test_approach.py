@@ -7,7 +7,6 @@ import pytest
 
 from rcmqp import _kernel
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.tasks import Residual
 
 T, GAIN, DAMPING = 1e-3, 60.0, 0.01
 POSE, POINT, LEVER = np.eye(8)[0], np.zeros(3), 0.3
@@ -31,7 +30,7 @@ class Joint:
 
     def rate(self, error: float, v: float = 0.0, a: float = 0.0) -> float:
         """What rate of its error the task asks for."""
-        given = Residual([error], [[LEVER]], [0.0])
+        given = np.array([error]), np.array([[LEVER]]), np.zeros(1)
         state = POSE, np.zeros((6, 1)), np.zeros(1), np.array([v]), np.array([a])
         found = self._stack.problem(*state, POSE, np.zeros(8), POINT, POINT, [given])
         assert found is not None

@@ -80,11 +80,15 @@ def test_extensions_has_a_line_for_each_task_and_limit_in_python() -> None:
         [sys.executable, EXTENSIONS, "--cycles", "120"], capture_output=True, text=True, check=True
     )
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
-    named = {row[0].split(":")[0] for row in rows}
-    assert {"README's task", "README's limit", "RCM > DirectionTask > roll"} <= named
-    assert all(len(row) == 6 and float(row[1].split()[0]) > 0.0 for row in rows)
-    in_python = [row for row in rows if float(row[4].split()[0]) > 0.0]
-    assert len(in_python) == 5
+    assert len(rows) == 10
+    assert all(len(row) == 7 and float(row[2].split()[0]) > 0.0 for row in rows)
+    in_python = {row[1] for row in rows if float(row[5].split()[0]) > 0.0}
+    assert in_python == {
+        "roll in Python",
+        "depth limit in Python",
+        "README's LevelCamera for roll",
+        "README's GentleInsertion",
+    }
 
 
 def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> None:

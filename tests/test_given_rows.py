@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from helpers import assert_allclose
 from twins import T, cycles, every, insertion_of, usual
 
 from rcmqp import ArmState, Reference, _kernel, load_scenario, simulate
@@ -19,15 +20,17 @@ from rcmqp.controllers.stack import LevelOfTasks
 from rcmqp.errors import OptionError
 from rcmqp.limits import Constraint, JointLimits, Limit
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import HierarchySolution
+from rcmqp.qp import HierarchySolution, Level
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.tasks import (
     ObjectiveTask,
     PostureTask,
     RcmTask,
     Residual,
+    RollTask,
     Task,
     TipTask,
+    Together,
 )
 
 
@@ -79,6 +82,28 @@ def test_how_many_rows_there_are_may_change_from_cycle_to_cycle() -> None:
         assert account.violation.size == k % 4 + 1
         kept.append((account, k % 3))
     assert [account.levels[1].residual.size for account, _ in kept] == [m for _, m in kept]
+
+
+def test_rows_in_the_way_may_come_and_go() -> None:
+    """The active set of the last cycle is of another size then, and forgotten."""
+    insertion = insertion_of("panda")
+    state, reference = next(cycles(insertion))
+
+    def walls(k: int) -> Constraint:
+        m = (5 * k) % 7
+        return Constraint.rows(-np.eye(7)[:m], -0.01 * np.ones(m), [f"wall {i}" for i in range(m)])
+
+    levels, limits = usual(insertion)
+    mixed = HierarchicalQP(insertion, T, levels=levels, limits=[limits[0], Walls(walls)])
+    for k in range(1, 15):
+        given = Walls(lambda _, k=k: walls(k))  # type: ignore[misc]
+        fresh = HierarchicalQP(insertion, T, levels=levels, limits=[limits[0], given])
+        answer = mixed.step(state, reference)
+        assert_allclose(answer.v, fresh.step(state, reference).v, rtol=0, atol=1e-9)
+        assert isinstance(answer.account, HierarchySolution)
+        assert bool((5 * k) % 7) == any(
+            name.startswith("wall") for name in answer.account.active()
+        )
 
 
 J = np.eye(2, 7)
@@ -195,27 +220,46 @@ def test_blocks_for_another_arm_are_refused_when_the_controller_is_made() -> Non
             HierarchicalQP(insertion, T, **cast(Any, options))
 
 
-def test_a_second_step_while_one_goes_on_is_refused() -> None:
-    insertion = insertion_of("panda")
-    state, reference = next(cycles(insertion))
-    inner: list[BaseException] = []
+def test_a_level_of_ones_own_is_refused_rather_than_not_asked() -> None:
+    class Mine(RcmTask):
+        def level(self, state: ArmState, reference: Reference) -> Level:
+            return super().level(state, reference)
 
-    class Curious(Residual):
-        @property
-        def error(self) -> Array:
+    class Ours(Together):
+        def level(self, state: ArmState, reference: Reference) -> Level:
+            return super().level(state, reference)
+
+    for level in (Mine(), Mine() + RollTask(), Ours((RcmTask(),))):
+        with pytest.raises(
+            OptionError, match=r"has a level\(\) of its own, which a step does not"
+        ):
+            HierarchicalQP(insertion_of("panda"), T, levels=[level])
+
+
+def test_a_second_step_while_a_backend_is_asked_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    insertion = insertion_of("panda")
+    levels, limits = usual(insertion)
+    mixed = every(levels, [1])
+    controller = HierarchicalQP(insertion, T, levels=mixed, limits=limits, backend="daqp")
+    hierarchy, inner = controller._stack._hierarchy, list[BaseException]()
+
+    def curious(*asked: Any) -> Array:
+        for call in (controller._stack._compiled.reset, lambda: controller.step(*cycle)):
             try:
-                controller._stack._compiled.reset()
+                call()
             except RuntimeError as error:
                 inner.append(error)
-            return np.zeros(1)
+        return np.zeros(len(asked[3]))
 
-    given = object.__new__(Curious)
-    for name, value in (("jacobian", J[:1].copy()), ("drift", E[:1].copy())):
-        Residual.__dict__[name].__set__(given, value)
-    controller = HierarchicalQP(insertion, T, levels=[RcmTask(), Rows(lambda k: given)])
-    answer = controller.step(state, reference)
-    assert not answer.stop
-    assert "give each thread a controller of its own" in str(inner[0])
+    expected = HierarchicalQP(insertion, T, levels=mixed, limits=limits)
+    monkeypatch.setattr(hierarchy, "_propose", curious)
+    for cycle in cycles(insertion):
+        answer = controller.step(*cycle)
+        assert_allclose(answer.v, expected.step(*cycle).v, rtol=0, atol=1e-9)
+    assert len(inner) >= 2
+    assert all("give each thread a controller of its own" in str(error) for error in inner)
 
 
 def test_threads_with_a_controller_each_do_not_disturb_each_other() -> None:
@@ -280,10 +324,16 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
     with pytest.raises(TypeError, match="x must be a C-contiguous array"):
         made.step("x", *state[1:], *asked, [], None)
     given = stack(**fits | {"levels": ((0.0, ((None, 1.0, 1.0),)),)})
-    with pytest.raises(AttributeError, match="error"):
-        given.step(*state, *asked, [3], None)
-    with pytest.raises(TypeError, match="error must be a C-contiguous array"):
-        given.step(*state, *asked, [dataclasses.make_dataclass("R", ["error"])(3)], None)
+    rows = one, np.ones((1, 1)), one
+    assert given.step(*state, *asked, [rows], None) is not None
+    whole = np.ones(1, dtype=int)
+    wrong: list[Any] = [3, [*rows], rows[:2], (*rows, one), (1.0, *rows[1:]), (whole, *rows[1:])]
+    for each in wrong:
+        with pytest.raises(TypeError, match="given rows"):
+            given.step(*state, *asked, [each], None)
+    unfit: list[Any] = [(np.ones(2), *rows[1:]), (one, np.ones((1, 2)), one), (one, one, one)]
+    for each in unfit:
+        assert given.step(*state, *asked, [each], None) is None
     assert given.step(*state, *asked, [], None) is None
     with pytest.raises(InvalidProblem):
         Residual([1.0], [[1.0]], [])

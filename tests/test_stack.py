@@ -190,3 +190,14 @@ def test_where_errors_go_in_proportion_the_rows_of_a_step_are_those_of_its_level
             assert (mine.name, mine.damping) == (theirs.name, theirs.damping)
             assert_allclose(mine.A, theirs.A, rtol=0, atol=1e-13)
             assert_allclose(mine.b, theirs.b, rtol=1e-13, atol=1e-13)
+
+
+def test_an_objectives_velocity_is_asked_for_as_it_is_however_the_arm_moves() -> None:
+    insertion = insertion_of("panda")
+    for objective in ("manipulability", "joint_centring"):
+        task = ObjectiveTask.made_for(insertion, objective=objective, damping=0.03)
+        for given in (task, twin(task)):
+            controller = HierarchicalQP(insertion, T, levels=[given])
+            for state, reference in cycles(insertion):
+                found = controller.problem(state, reference)[0][0]
+                assert_allclose(found.b, task.level(state, reference).b, rtol=0, atol=1e-10)

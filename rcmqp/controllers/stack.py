@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from rcmqp import _kernel
 from rcmqp.errors import OptionError
-from rcmqp.limits import Limit
+from rcmqp.limits import Constraint, Limit
 from rcmqp.limits.base import CompiledLimit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level
 from rcmqp.qp.levels import Answer, Bounds
 from rcmqp.references.view import Reference
-from rcmqp.tasks import ObjectiveTask, Task, Together
+from rcmqp.tasks import ObjectiveTask, Residual, Task, Together
 from rcmqp.tasks.base import block_of, cycle
 from rcmqp.world.arm import Arm, ArmState
 
 LevelOfTasks: TypeAlias = Task | Together
+
+Given: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array, ...]]]
+"""What is written in Python gives in a cycle, and the same as compiled code takes it."""
+
+NOTHING: Given = ([], [], [])
 
 
 class Stack:
@@ -57,12 +62,20 @@ class Stack:
             numbers: names of what is recorded of a step, four more than there are levels.
 
         Raises:
-            OptionError: a task or a limit of the library is for another number of joints.
+            OptionError: a task or a limit of the library is for another number of joints, or a
+                level() would not be asked.
             UnknownName, SolverNotInstalled: the backend is not known, or its package is missing.
         """
         self.levels, self.limits = tuple(levels), tuple(limits)
         members = [_tasks_of(level) for level in self.levels]
-        for item in (*(task for tasks in members for task in tasks), *self.limits):
+        tasks = [task for level in members for task in level]
+        for asked in (*self.levels, *tasks):
+            if type(asked).level not in (Task.level, Together.level):
+                raise OptionError(
+                    f"{type(asked).__name__} has a level() of its own, which a step does not ask; "
+                    "give it an evaluate()"
+                )
+        for item in (*tasks, *self.limits):
             block = block_of(item)
             if block and block.joints not in (0, arm.nv):
                 raise OptionError(
@@ -72,17 +85,18 @@ class Stack:
         self._hierarchy = Hierarchy(backend)
         self._joints, self._nv = arm.joints, arm.nv
         self._level_names = tuple(level.name for level in self.levels)
-        self._tasks = [task for tasks in members for task in tasks if block_of(task) is None]
+        self._tasks = [task for task in tasks if block_of(task) is None]
         self._given = [limit for limit in self.limits if block_of(limit) is None]
         self._row_names = [
             limit.row_names if isinstance(limit, CompiledLimit) and block_of(limit) else None
             for limit in self.limits
         ]
+        self._asks = bool(self._tasks or self._given)
         self._names = () if self._given else self._all_names(())
         self._compiled = _kernel.Stack(
             levels=tuple(
-                (level.speed_damping, tuple(_member(task, level) for task in tasks))
-                for level, tasks in zip(self.levels, members, strict=True)
+                (level.speed_damping, tuple(_member(task, level) for task in shared))
+                for level, shared in zip(self.levels, members, strict=True)
             ),
             limits=tuple(block_of(limit) for limit in self.limits),
             acceleration=arm.acceleration,
@@ -107,7 +121,7 @@ class Stack:
         Raises:
             InvalidProblem: what a task or a limit in Python gives is not usable.
         """
-        given = self._rows(state, reference)
+        residuals, constraints, given = self._rows(state, reference) if self._asks else NOTHING
         found = self._compiled.step(
             state.x,
             state.J_local,
@@ -122,9 +136,9 @@ class Stack:
             self._hierarchy.asks,
         )
         if found is None:
-            raise self._refusal(given)
+            raise self._refusal(residuals, constraints)
         v, numbers, summary, ends, m = found
-        names = self._all_names(given) if self._given else self._names
+        names = self._all_names(constraints) if constraints else self._names
         answer = _kernel.record(Answer, numbers, ends, self._nv, m)
         asked = self._hierarchy.verdicts()
         solution = _kernel.record(HierarchySolution, v, names, answer, self._level_names, asked)
@@ -136,40 +150,40 @@ class Stack:
         Raises:
             InvalidProblem: what a task or a limit in Python gives is not usable.
         """
-        given = self._rows(state, reference)
+        residuals, constraints, given = self._rows(state, reference)
         found = self._compiled.problem(*cycle(state, reference), given)
         if found is None:
-            raise self._refusal(given)
+            raise self._refusal(residuals, constraints)
         A, b, ends, lower, upper, C, d = found
         starts = [0, *ends[:-1].tolist()]
         levels = [
             Level(A[start:end], b[start:end], level.name, damping=level.speed_damping)
             for start, end, level in zip(starts, ends.tolist(), self.levels, strict=False)
         ]
-        return levels, Bounds(lower, upper, C, d, self._all_names(given))
+        return levels, Bounds(lower, upper, C, d, self._all_names(constraints))
 
-    def _rows(self, state: ArmState, reference: Reference) -> list[Any]:
-        """What the tasks, then the limits that are written in Python give."""
-        given: list[Any] = []
-        if self._tasks:
-            given += [task.residual(state, reference) for task in self._tasks]
-        if self._given:
-            given += [limit.constraint(state, reference) for limit in self._given]
-        return given
+    def _rows(self, state: ArmState, reference: Reference) -> Given:
+        """What the tasks and the limits that are written in Python give."""
+        residuals = [task.residual(state, reference) for task in self._tasks]
+        constraints = [limit.constraint(state, reference) for limit in self._given]
+        arrays: list[tuple[Array, ...]] = [(r.error, r.jacobian, r.drift) for r in residuals]
+        arrays += [(c.lower, c.upper, c.C, c.d) for c in constraints]
+        return residuals, constraints, arrays
 
-    def _all_names(self, given: Sequence[Any]) -> tuple[str, ...]:
+    def _all_names(self, constraints: Sequence[Constraint]) -> tuple[str, ...]:
         """Names of the joints, then of the hard rows."""
-        asked = iter(given[len(self._tasks) :])
-        names = list(self._joints)
+        asked, names = iter(constraints), list(self._joints)
         for known in self._row_names:
             names += next(asked).names if known is None else known
         return tuple(names)
 
-    def _refusal(self, given: Sequence[Any]) -> InvalidProblem:
+    def _refusal(
+        self, residuals: Sequence[Residual], constraints: Sequence[Constraint]
+    ) -> InvalidProblem:
         """What is wrong with rows that compiled code does not take, in words."""
         kind = ""
         try:
-            for task, residual in zip(self._tasks, given, strict=False):
+            for task, residual in zip(self._tasks, residuals, strict=True):
                 kind = type(task).__name__
                 level = Level(residual.jacobian, -residual.error - residual.drift, task.name)
                 unknowns = level.A.shape[1]
@@ -177,7 +191,7 @@ class Stack:
                     return InvalidProblem(
                         f"level {task.name!r} has {unknowns} unknowns, the bounds have {self._nv}"
                     )
-            for limit, found in zip(self._given, given[len(self._tasks) :], strict=True):
+            for limit, found in zip(self._given, constraints, strict=True):
                 kind = type(limit).__name__
                 Bounds(found.lower, found.upper, found.C, found.d)
         except InvalidProblem as error:

@@ -5,23 +5,20 @@
 
 #include <math.h>
 
-/* Names of what given rows are read from. */
-static const char *const task_fields[] = {"error", "jacobian", "drift"};
-static const char *const limit_fields[] = {"lower", "upper", "C", "d"};
+#define MOST_ARRAYS 4
 
-#define MOST_FIELDS 4
-
-/* Arrays by their names in an object that gives rows, kept alive in `kept`: -1 with an error. */
-static int read_fields(PyObject *object, const char *const *names, int count,
-                       PyArrayObject **arrays, PyObject *kept)
+/* The arrays of a tuple: -1 with an error. */
+static int read_arrays(PyObject *given, int count, PyArrayObject **arrays)
 {
+    if (!PyTuple_Check(given) || PyTuple_GET_SIZE(given) != count) {
+        PyErr_SetString(PyExc_TypeError, "given rows are tuples (error, jacobian, drift) of a task, "
+                                         "(lower, upper, C, d) of a limit");
+        return -1;
+    }
     for (int i = 0; i < count; ++i) {
-        PyObject *value = PyObject_GetAttrString(object, names[i]);
-        const int failed = value == NULL || PyList_Append(kept, value) < 0 ||
-                           numbers_of(value, NPY_DOUBLE, -1, names[i]) == NULL;
-        arrays[i] = (PyArrayObject *)value;
-        Py_XDECREF(value);
-        if (failed) return -1;
+        arrays[i] = (PyArrayObject *)PyTuple_GET_ITEM(given, i);
+        if (numbers_of(PyTuple_GET_ITEM(given, i), NPY_DOUBLE, -1, "an array of given rows") == NULL)
+            return -1;
     }
     return 0;
 }
@@ -33,10 +30,10 @@ static int is_matrix(PyArrayObject *array, npy_intp rows, npy_intp columns)
 }
 
 /* Given rows of a task: 1; 0 where they do not fit or a number is not finite; -1 with an error. */
-static int read_task(StackTask *task, PyObject *object, int n, PyObject *kept)
+static int read_task(StackTask *task, PyObject *given, int n)
 {
-    PyArrayObject *arrays[MOST_FIELDS];
-    if (read_fields(object, task_fields, 3, arrays, kept) < 0) return -1;
+    PyArrayObject *arrays[MOST_ARRAYS];
+    if (read_arrays(given, 3, arrays) < 0) return -1;
     const npy_intp m = PyArray_SIZE(arrays[0]);
     if (!is_matrix(arrays[1], m, n) || !is_vector(arrays[2], m)) return 0;
     task->m = (int)m, task->error = PyArray_DATA(arrays[0]);
@@ -46,10 +43,10 @@ static int read_task(StackTask *task, PyObject *object, int n, PyObject *kept)
 }
 
 /* The same for the box and the rows of a limit. */
-static int read_limit(StackLimit *limit, PyObject *object, int n, PyObject *kept)
+static int read_limit(StackLimit *limit, PyObject *given, int n)
 {
-    PyArrayObject *arrays[MOST_FIELDS];
-    if (read_fields(object, limit_fields, 4, arrays, kept) < 0) return -1;
+    PyArrayObject *arrays[MOST_ARRAYS];
+    if (read_arrays(given, 4, arrays) < 0) return -1;
     const npy_intp m = PyArray_SIZE(arrays[3]);
     if (!is_vector(arrays[0], n) || !is_vector(arrays[1], n) || !is_matrix(arrays[2], m, n))
         return 0;
@@ -66,8 +63,8 @@ static int read_limit(StackLimit *limit, PyObject *object, int n, PyObject *kept
 }
 
 /* All rows that are given, in the order of the tasks, then of the limits: 1; 0 where they are too
- * few or many, do not fit, or are not finite; -1 with a Python error. */
-int read_given(Stack *stack, PyObject *given, PyObject *kept)
+ * few or many, do not fit, or are not finite; -1 with a Python error. The arrays live as long as `given`. */
+int read_given(Stack *stack, PyObject *given)
 {
     Py_ssize_t next = 0;
     int fit = 1;
@@ -81,10 +78,8 @@ int read_given(Stack *stack, PyObject *given, PyObject *kept)
             continue;
         }
         if (next == PyList_GET_SIZE(given)) return 0;
-        PyObject *object = Py_NewRef(PyList_GET_ITEM(given, next++));
-        fit = is_task ? read_task(task, object, stack->n, kept)
-                      : read_limit(limit, object, stack->n, kept);
-        Py_DECREF(object);
+        PyObject *rows = PyList_GET_ITEM(given, next++);
+        fit = is_task ? read_task(task, rows, stack->n) : read_limit(limit, rows, stack->n);
     }
     if (fit > 0 && next != PyList_GET_SIZE(given)) fit = 0;
     return fit;

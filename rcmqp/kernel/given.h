@@ -5,6 +5,6 @@
 #include "arrays.h"
 #include "stack.h"
 
-int read_given(Stack *stack, PyObject *given, PyObject *kept);
+int read_given(Stack *stack, PyObject *given);
 
 #endif

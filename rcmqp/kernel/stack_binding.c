@@ -1,7 +1,6 @@
 /* Stack: levels of tasks below limits, for Python; see _kernel.pyi.
  *
- * All of Python that a step needs is called before its rows are made: rows that are given are read
- * first. A backend is called in between; meanwhile the stack refuses a second step. */
+ * A step calls nothing of Python but a backend; meanwhile the stack refuses a second step. */
 
 #define NO_IMPORT_ARRAY
 #include "blocks.h"
@@ -201,7 +200,7 @@ static int make_room(StackObject *self, const Hierarchy *hierarchy, npy_intp row
 
 /* The problem of a cycle: 1, with the arena after it; 0 where given rows are not usable; -1. */
 static int read_problem(StackObject *self, PyObject *const *args, Hierarchy *hierarchy,
-                        Arena *arena, PyObject *kept)
+                        Arena *arena)
 {
     Stack *stack = &self->stack;
     Cycle cycle;
@@ -209,7 +208,7 @@ static int read_problem(StackObject *self, PyObject *const *args, Hierarchy *hie
         PyErr_SetString(PyExc_TypeError, "the rows that are given must be a list");
         return -1;
     }
-    const int fit = read_given(stack, args[CYCLE_ARGUMENTS], kept);
+    const int fit = read_given(stack, args[CYCLE_ARGUMENTS]);
     if (fit <= 0) return fit;
     if (!read_cycle(args, &cycle) || end_levels(self) < 0) return -1;
     if (cycle.n != stack->n) {
@@ -244,10 +243,10 @@ static int enter(StackObject *self)
 static PyObject *stack_step(StackObject *self, PyObject *const *args, Py_ssize_t count)
 {
     if (!counted("step", count, CYCLE_ARGUMENTS + 2) || !enter(self)) return NULL;
-    PyObject *kept = PyList_New(0), *answer = NULL, *whole = NULL;
+    PyObject *answer = NULL, *whole = NULL;
     Hierarchy hierarchy;
     Arena arena;
-    const int read = kept == NULL ? -1 : read_problem(self, args, &hierarchy, &arena, kept);
+    const int read = read_problem(self, args, &hierarchy, &arena);
     if (read > 0)
         answer = answered(&hierarchy, NULL, self->guess, args[CYCLE_ARGUMENTS + 1], self->names,
                           &arena);
@@ -255,7 +254,6 @@ static PyObject *stack_step(StackObject *self, PyObject *const *args, Py_ssize_t
         whole = Py_BuildValue("(OOOOi)", PyTuple_GET_ITEM(answer, 0), PyTuple_GET_ITEM(answer, 1),
                               PyTuple_GET_ITEM(answer, 2), self->ends, hierarchy.m);
     Py_XDECREF(answer);
-    Py_XDECREF(kept);
     self->busy = 0;
     return read == 0 ? Py_NewRef(Py_None) : whole;
 }
@@ -264,17 +262,16 @@ static PyObject *stack_step(StackObject *self, PyObject *const *args, Py_ssize_t
 static PyObject *stack_problem(StackObject *self, PyObject *const *args, Py_ssize_t count)
 {
     if (!counted("problem", count, CYCLE_ARGUMENTS + 1) || !enter(self)) return NULL;
-    PyObject *kept = PyList_New(0), *problem = NULL;
+    PyObject *problem = NULL;
     Hierarchy found;
     Arena arena;
-    const int read = kept == NULL ? -1 : read_problem(self, args, &found, &arena, kept);
+    const int read = read_problem(self, args, &found, &arena);
     if (read > 0) {
         const int rows = (int)found.ends[found.levels - 1], n = found.n, m = found.m;
         problem = Py_BuildValue("(NNONNNN)", copied(found.A, rows, n), copied(found.b, rows, -1),
                                 self->ends, copied(found.lower, n, -1), copied(found.upper, n, -1),
                                 copied(found.C, m, n), copied(found.d, m, -1));
     }
-    Py_XDECREF(kept);
     self->busy = 0;
     return read == 0 ? Py_NewRef(Py_None) : problem;
 }
