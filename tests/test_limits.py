@@ -588,7 +588,8 @@ def test_entry_sphere_bounds_the_rcm_error() -> None:
     for _ in range(20):
         oMe = state.oMe * random_placement(rng)
         seen = oMe.actInv(pivot)
-        found = limit.evaluate(replace(state, oMe=oMe), reference(pivot))
+        moved = replace(state, oMe=oMe, x=dq.from_se3(oMe))
+        found = limit.evaluate(moved, reference(pivot))
         if limit.mount_depth < seen[2] < limit.tip_depth:
             miss = math.hypot(seen[0], seen[1])
             assert found.d[0] == pytest.approx(60.0 * (0.005 - miss))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmqp import _kernel
+from rcmqp._kernel import Block
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_not_negative
 from rcmqp.controllers.given import Given
@@ -20,6 +21,7 @@ from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import C8, Array
 from rcmqp.references.view import Reference
+from rcmqp.tasks.base import block_of
 from rcmqp.tasks.objectives import Objective, make_objective
 from rcmqp.world.arm import ArmState
 
@@ -96,7 +98,7 @@ class DualQuaternion(Controller):
     damping_from: float = 0.02
     velocity_limit: str = "none"
     _objective: Objective = field(init=False, repr=False)
-    _aim: tuple[int, *tuple[Array, ...]] | None = field(init=False, repr=False)
+    _aim: Block | None = field(init=False, repr=False)
     _numbers: Array = field(init=False, repr=False)
     _speeds: Array = field(init=False, repr=False)
     _limited: int = field(init=False, repr=False)
@@ -129,9 +131,8 @@ class DualQuaternion(Controller):
         own = "manipulability" if arm.srs_offsets is None else "singularity_product"
         object.__setattr__(self, "objective", self.objective or own)
         objective = make_objective(self.objective, arm)
-        compiled = objective.program()
         object.__setattr__(self, "_objective", objective)
-        object.__setattr__(self, "_aim", compiled and (compiled[0], *compiled[1]))
+        object.__setattr__(self, "_aim", block_of(objective))
         object.__setattr__(self, "_speeds", arm.velocity)
         options = (self.gain, self.K_c, self.c_d, self.tolerance, self.damping, self.damping_from)
         numbers = np.array([*options, RANK_TOLERANCE])
@@ -153,7 +154,7 @@ class DualQuaternion(Controller):
             state.angles,
             reference.x_d,
             reference.x_d_dot,
-            self._aim or (None, *self._objective.evaluate(state)),
+            self._aim or self._objective.evaluate(state),
             self._numbers,
             self._speeds,
             self.feed_forward,

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import math
+import functools
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.references.view import Reference
-from rcmqp.tasks.base import Program, Residual, Task, check_finite, check_positive
+from rcmqp.tasks.base import CompiledTask, Residual, block_of, check_finite, check_positive
 from rcmqp.tasks.objectives import Objective, make_objective
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectiveTask(Task):
+class ObjectiveTask(CompiledTask):
     """Move the joints up an objective's gradient: v = K_c (c_d - c) J_c^T, equation (4).
 
     A velocity is wanted, not a value, so the rows are the joints': jacobian identity, drift
@@ -68,16 +69,18 @@ class ObjectiveTask(Task):
             objective = make_objective(objective, insertion.arm)
         return cls(objective, **options)
 
+    @functools.cached_property
+    def block(self) -> Block | None:
+        """The rows, where the objective is compiled."""
+        inner = block_of(self.objective)
+        if inner is None:
+            return None
+        return Block("objective", K_c=self.K_c, c_d=self.c_d, objective=inner)
+
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (nv,) zero; drift (nv,) minus the wanted joint velocity."""
+        if self.block is not None:
+            return super().evaluate(state, reference)
         c, J_c = self.objective.evaluate(state)
         nv = J_c.size
         return Residual(np.zeros(nv), np.eye(nv), -self.K_c * (self.c_d - c) * J_c)
-
-    def program(self) -> Program | None:
-        """For compiled code, where the objective is in it."""
-        found = self.objective.program()
-        if found is None:
-            return None
-        kind, vectors = found
-        return (kind, math.sqrt(self.weight), self.K_c, self.c_d), vectors
