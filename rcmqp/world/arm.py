@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import hashlib
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,11 +75,27 @@ class ArmState:
         return 0.5 * dq.H8_plus(self.x) @ twist
 
 
+class _Scratch(threading.local):
+    """A pin.Data for each thread, so that none writes over what another one reads.
+
+    Attributes:
+        model: whose data it is.
+        data: the thread's own.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.data = model, model.createData()
+
+    def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
+        """A copy has data of its own."""
+        return _Scratch, (self.model,)
+
+
 class Arm(Limited):
     """A Pinocchio model, its tool flange and its home.
 
     Made by load_arm(). Every joint has one degree of freedom and moves the flange; velocity
-    index i is joint i of the chain.
+    index i is joint i of the chain. Any number of threads may use one.
 
     Attributes:
         name: the name it was loaded by.
@@ -191,7 +208,7 @@ class Arm(Limited):
         q = _sized(q, nq, "configuration q")
         v = self._still if v is None else _sized(v, nv, "joint velocity v")
         a = self._still if a is None else _sized(a, nv, "joint acceleration a")
-        model, data, effector = self._kinematics, self._data, self._effector
+        model, data, effector = self._kinematics, self._scratch.data, self._effector
         _jacobians(model, data, q)  # runs forward kinematics too
         oMe = _placement(model, data, effector)
         J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
@@ -202,7 +219,8 @@ class Arm(Limited):
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
         oMe = self.state(q).oMe
-        joints = [self._data.oMi[i].translation for i in range(self.model.njoints)]
+        data = self._scratch.data
+        joints = [data.oMi[i].translation for i in range(self.model.njoints)]
         return np.array([*joints, oMe.translation])
 
     def angles(self, q: ArrayLike) -> Array:
@@ -269,7 +287,7 @@ class Arm(Limited):
         self._kinematics = self.model.copy()
         effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
         self._effector = self._kinematics.addFrame(effector)
-        self._data = self._kinematics.createData()
+        self._scratch = _Scratch(self._kinematics)
 
     def _frozen_angles(self, q: Array) -> Array:
         """Joint coordinates (nv,) of q (nq,), not to be written."""
