@@ -20,15 +20,17 @@ from rcmqp.controllers.stack import LevelOfTasks
 from rcmqp.errors import OptionError
 from rcmqp.limits import Constraint, JointLimits, Limit
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import HierarchySolution
+from rcmqp.qp import HierarchySolution, Level
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.tasks import (
     ObjectiveTask,
     PostureTask,
     RcmTask,
     Residual,
+    RollTask,
     Task,
     TipTask,
+    Together,
 )
 
 
@@ -216,6 +218,22 @@ def test_blocks_for_another_arm_are_refused_when_the_controller_is_made() -> Non
     ):
         with pytest.raises(OptionError, match=kind):
             HierarchicalQP(insertion, T, **cast(Any, options))
+
+
+def test_a_level_of_ones_own_is_refused_rather_than_not_asked() -> None:
+    class Mine(RcmTask):
+        def level(self, state: ArmState, reference: Reference) -> Level:
+            return super().level(state, reference)
+
+    class Ours(Together):
+        def level(self, state: ArmState, reference: Reference) -> Level:
+            return super().level(state, reference)
+
+    for level in (Mine(), Mine() + RollTask(), Ours((RcmTask(),))):
+        with pytest.raises(
+            OptionError, match=r"has a level\(\) of its own, which a step does not"
+        ):
+            HierarchicalQP(insertion_of("panda"), T, levels=[level])
 
 
 def test_a_second_step_while_a_backend_is_asked_is_refused(

@@ -62,12 +62,20 @@ class Stack:
             numbers: names of what is recorded of a step, four more than there are levels.
 
         Raises:
-            OptionError: a task or a limit of the library is for another number of joints.
+            OptionError: a task or a limit of the library is for another number of joints, or a
+                level() would not be asked.
             UnknownName, SolverNotInstalled: the backend is not known, or its package is missing.
         """
         self.levels, self.limits = tuple(levels), tuple(limits)
         members = [_tasks_of(level) for level in self.levels]
-        for item in (*(task for tasks in members for task in tasks), *self.limits):
+        tasks = [task for level in members for task in level]
+        for asked in (*self.levels, *tasks):
+            if type(asked).level not in (Task.level, Together.level):
+                raise OptionError(
+                    f"{type(asked).__name__} has a level() of its own, which a step does not ask; "
+                    "give it an evaluate()"
+                )
+        for item in (*tasks, *self.limits):
             block = block_of(item)
             if block and block.joints not in (0, arm.nv):
                 raise OptionError(
@@ -77,7 +85,7 @@ class Stack:
         self._hierarchy = Hierarchy(backend)
         self._joints, self._nv = arm.joints, arm.nv
         self._level_names = tuple(level.name for level in self.levels)
-        self._tasks = [task for tasks in members for task in tasks if block_of(task) is None]
+        self._tasks = [task for task in tasks if block_of(task) is None]
         self._given = [limit for limit in self.limits if block_of(limit) is None]
         self._row_names = [
             limit.row_names if isinstance(limit, CompiledLimit) and block_of(limit) else None
@@ -87,8 +95,8 @@ class Stack:
         self._names = () if self._given else self._all_names(())
         self._compiled = _kernel.Stack(
             levels=tuple(
-                (level.speed_damping, tuple(_member(task, level) for task in tasks))
-                for level, tasks in zip(self.levels, members, strict=True)
+                (level.speed_damping, tuple(_member(task, level) for task in shared))
+                for level, shared in zip(self.levels, members, strict=True)
             ),
             limits=tuple(block_of(limit) for limit in self.limits),
             acceleration=arm.acceleration,
