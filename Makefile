@@ -1,4 +1,5 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
+# make gallery: the pictures of examples/, for the site.
 # make tables: the tables of README.md and docs/, each by the command in front of it; some minutes.
 # make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
@@ -8,7 +9,7 @@ INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
 
-.PHONY: demo pictures tables test franka lint types check clean
+.PHONY: demo pictures gallery tables test franka lint types check clean
 
 demo: $(INSTALLED)
 	$(BIN)/rcmqp reproduce --out results
@@ -16,6 +17,10 @@ demo: $(INSTALLED)
 pictures: demo
 	cp results/fig3_errors.png results/fig2_trajectories.png results/helix_lwa3.png results/helix_meka_a2.png docs
 	$(BIN)/rcmqp snapshot results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --time 12 --out docs/viewer.png
+
+gallery: $(INSTALLED)
+	$(BIN)/python examples docs/gallery
+	rm -f docs/gallery/*.pdf
 
 tables: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/doc_tables.py
