@@ -41,10 +41,11 @@ franka: $(FRANKA)
 	OMP_NUM_THREADS=1 timeout 900 $(BIN)/python -m pytest tests/franka
 
 sanitize: $(INSTALLED)
-	rm -rf build/sanitized
+	rm -rf build $(VENV)/sanitized
 	CFLAGS="-fsanitize=address,undefined -fno-sanitize-recover=undefined -g" \
-		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target build/sanitized .
-	PYTHONPATH=build/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
+		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/sanitized .
+	rm -rf build  # its objects are not for others
+	PYTHONPATH=$(VENV)/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
 		ASAN_OPTIONS=detect_leaks=0 OMP_NUM_THREADS=1 $(BIN)/pytest $(KERNEL_TESTS)
 
 lint: $(INSTALLED)

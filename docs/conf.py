@@ -29,11 +29,10 @@ suppress_warnings = ["myst.header"]  # the tables' titles in comparisons.md
 myst_heading_anchors = 3
 myst_enable_extensions = ["deflist"]
 
-napoleon_use_ivar = True
-
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_default_options = {"members": True}
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "Program", "Vector3")}
 python_use_unqualified_type_names = True
 
 toc_object_entries = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import itertools
 import pkgutil
 import shutil
 import tomllib
@@ -80,7 +81,7 @@ def command_line_page() -> str:
     group = typer.main.get_group(command_line)
     context = group.context_class(group, info_name="rcmqp")
     parts = ["# Command line", "", "Written from the command line's own help.", ""]
-    parts += ["```text", _plain(group.help or ""), "```", ""]
+    parts += [*_help(group.help or ""), ""]
     for name, command in group.commands.items():
         inner = command.context_class(command, info_name=name, parent=context)
         records = [each.get_help_record(inner) for each in command.get_params(inner)]
@@ -204,17 +205,20 @@ def write_run(file: Path) -> None:
 
 def _help(text: str) -> Iterator[str]:
     """A command's help: paragraphs, and its examples as code."""
-    for paragraph in _plain(text).split("\n\n"):
-        lines = paragraph.splitlines()
-        if all(line.startswith("  ") for line in lines):
-            yield from ("```sh", *(line.strip() for line in lines), "```", "")
+    paragraphs = (
+        inspect.cleandoc(text).replace("[bold]", "`").replace("[/bold]", "`").split("\n\n")
+    )
+    for are_code, group in itertools.groupby(paragraphs, lambda text: text.startswith("  ")):
+        if are_code:
+            yield from ("```sh", *(text.strip() for text in group), "```", "")
         else:
-            yield from (_cell(paragraph), "")
+            yield from itertools.chain.from_iterable((_words(text), "") for text in group)
 
 
-def _plain(text: str) -> str:
-    """Help without rich's markup."""
-    return inspect.cleandoc(text).replace("[bold]", "").replace("[/bold]", "")
+def _words(text: str) -> str:
+    """Plain text with `code` in it as Markdown."""
+    parts = text.split("`")
+    return "`".join(part if i % 2 else _cell(part) for i, part in enumerate(parts))
 
 
 def _cell(text: str) -> str:
