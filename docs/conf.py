@@ -23,7 +23,11 @@ extensions = [
     "sphinx.ext.napoleon",
     "generated_pages",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = [
+    "_build",
+    "generated/channels.md",
+    "generated/public_names.md",
+]  # parts of pages
 suppress_warnings = ["myst.header"]  # the tables' titles in comparisons.md
 
 myst_heading_anchors = 3
