@@ -78,3 +78,12 @@ def test_docstrings_become_text_that_says_the_same() -> None:
     assert made[0] == r"Of \|v\| and K\_, with ``a*b``."
     assert made[2:5] == ["::", "", "    x = y*"]
     assert made[-1] == r"    k: of 2\*T."
+
+
+def test_every_test_that_a_page_names_is_there() -> None:
+    tests = "".join(path.read_text(encoding="utf-8") for path in ROOT.glob("tests/test_*.py"))
+    named = {
+        name for page in PAGES for name in re.findall(r"`(test_\w+)`", page.read_text("utf-8"))
+    }
+    assert len(named) > 10
+    assert {name for name in named if f"def {name}(" not in tests} == set()
