@@ -13,15 +13,25 @@ import typer
 from rich.markup import escape
 
 import rcmqp
-from rcmqp.cli import compare, hands, lists, loopback, report, reproduce, run, study, viewer
+from rcmqp.cli import (
+    compare,
+    doctor,
+    hands,
+    lists,
+    loopback,
+    report,
+    reproduce,
+    run,
+    study,
+    viewer,
+)
 from rcmqp.cli.console import err, out
 from rcmqp.errors import RcmqpError
 from rcmqp.runs.printable import shortened
 
 app = typer.Typer(
     name="rcmqp",
-    no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Remote-centre-of-motion control of surgical arms.\n\n"
@@ -32,6 +42,18 @@ app = typer.Typer(
 )
 DEBUG = "RCMQP_DEBUG"
 """Environment variable that shows the traceback of an error."""
+
+NEXT = (
+    ("rcmqp run conical_helix --out helix.h5", "simulate a run, and keep it"),
+    ("rcmqp view helix.h5", "look at it in the browser"),
+    ("rcmqp compare -s circle -a panda", "every controller, in one table"),
+    ("rcmqp reproduce", "the paper's experiment A, with a report"),
+    ("rcmqp run conical_helix -a my.urdf --flange tool0", "a robot of your own"),
+    ("rcmqp arms; rcmqp scenarios; rcmqp controllers", "what is there"),
+    ("rcmqp doctor", "what is installed, and what is missing"),
+    ("rcmqp --help", "every command"),
+)
+"""What rcmqp shows when it is called without anything."""
 
 INTERRUPTED = (130, 143)
 """The exit codes after Ctrl-C and SIGTERM, by a shell's custom."""
@@ -85,11 +107,16 @@ def run_file(file: str) -> None:
 
 @app.callback(invoke_without_command=True)
 def _root(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if version:
         out.print(rcmqp.__version__, highlight=False)
         raise typer.Exit
+    if context.invoked_subcommand is None:
+        out.print(f"rcmqp {rcmqp.__version__}: RCM control of surgical arms. What to do next:")
+        for line, about in NEXT:
+            out.print(f"  {line:51} {about}", markup=False, highlight=False, soft_wrap=True)
 
 
 for command in (
@@ -98,6 +125,7 @@ for command in (
     lists.arms,
     lists.scenarios,
     lists.controllers,
+    doctor.doctor,
     compare.compare,
     study.study,
     hands.hands,
