@@ -43,6 +43,10 @@ class ArmError(RcmqpError):
     """An arm's model cannot be read, or is not a fixed-base serial arm."""
 
 
+class ArmWarning(UserWarning):
+    """An arm was loaded, and something about it looks wrong."""
+
+
 class FrameNotFound(ArmError):
     """A frame name is not in the model."""
 

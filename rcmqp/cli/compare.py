@@ -22,7 +22,7 @@ from rcmqp.controllers.settings import controller_of, every_setting, with_option
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.runs.loading import scenario_module
 from rcmqp.show.tables import tables
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import arm_names, names_its_flange
 
 
 def compare(
@@ -34,7 +34,8 @@ def compare(
         typer.Option(
             "--arm",
             "-a",
-            help="Name, or a URDF's path; may be repeated; each scenario's own without it.",
+            help="Name, or the path of an arm's .toml or URDF; may be repeated; each scenario's "
+            "own without it.",
         ),
     ] = None,
     controller: Annotated[
@@ -84,10 +85,11 @@ def compare(
     changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     given = settings or []
     laws = with_options(controller or every_setting(fixed=given), given)
-    urdfs = [name for name in arm or () if name not in arm_names()]
-    for name in urdfs:
+    files = [name for name in arm or () if name not in arm_names()]
+    for name in files:
         if not Path(name).is_file():
             raise UnknownName("arm", name, arm_names())
+    urdfs = [name for name in files if not names_its_flange(name)]
     if flange is not None and not urdfs:
         raise OptionError("--flange is for a URDF, and none of the arms is one")
     for law in laws:

@@ -34,6 +34,7 @@ from rcmqp.runs.run_file import Recording
 from rcmqp.show.labels import given_cells, given_words
 from rcmqp.show.markdown import TitledTable
 from rcmqp.world.arm import Arm
+from rcmqp.world.loading import arm_names
 
 WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
 RCM_WARNING_MM = 1.0
@@ -82,6 +83,18 @@ def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
             progress.advance(tasks[title], done)
 
         yield advance
+
+
+def show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: Any = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning as a sentence; in place of warnings.showwarning()."""
+    err.print(f"[yellow]warning:[/] {escape(one_line(str(message)))}", soft_wrap=True)
 
 
 def print_json(data: Any) -> None:
@@ -256,6 +269,12 @@ def print_arm(arm: Arm) -> None:
     if arm.speed_near_limits is not None:
         note += " Near its position limits a joint may move only more slowly."
     out.print(note, style="dim", soft_wrap=True)
+    if arm.source is not None and arm.name not in arm_names():
+        for line in arm.source.notes:
+            out.print(one_line(line), soft_wrap=True, highlight=False, markup=False)
+        for topic, source in arm.source.sources.items():
+            line = one_line(f"source of {topic}: {source}")
+            out.print(line, style="dim", soft_wrap=True, highlight=False, markup=False)
 
 
 def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
@@ -298,6 +317,7 @@ def arm_json(arm: Arm) -> dict[str, Any]:
         "reach": arm.reach,
         **{name: [_finite(x) for x in getattr(arm, name)] for name in arrays},
         "assumed": sorted(arm.assumed),
+        "notes": [] if arm.source is None else list(arm.source.notes),
         "licence": arm.licence,
     }
 

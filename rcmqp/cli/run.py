@@ -36,7 +36,10 @@ def run(
     arm: Annotated[
         str | None,
         typer.Option(
-            "--arm", "-a", help="Name (see rcmqp arms), or a URDF's path; lwa3 without it."
+            "--arm",
+            "-a",
+            help="Name (see rcmqp arms), or the path of an arm's .toml or of a URDF; lwa3 without "
+            "it.",
         ),
     ] = None,
     controller: Annotated[
@@ -78,6 +81,8 @@ def run(
       rcmqp run conical_helix --arm meka_a2 --period 0.008 --out helix.h5
 
       rcmqp run conical_helix --set feed_forward=true --set velocity_limit=scale --json
+
+      rcmqp run conical_helix --arm my_robot.toml
 
       rcmqp run conical_helix --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
 

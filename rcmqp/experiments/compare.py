@@ -20,7 +20,7 @@ from rcmqp.runs.loading import load_scenario, own_arm
 from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.tables import Row, as_csv, as_markdown, row_of
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import names_its_flange
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,14 @@ def cases(
         changes: fields of every scenario.
         flange: for the arms that are URDFs.
     """
-    named = (None, *arm_names())
     return [
-        Case(scenario, arm, setting, changes or {}, None if arm in named else flange)
+        Case(
+            scenario,
+            arm,
+            setting,
+            changes or {},
+            None if arm is None or names_its_flange(arm) else flange,
+        )
         for scenario, arm, setting in itertools.product(scenarios, arms, controllers)
     ]
 

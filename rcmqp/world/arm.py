@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 import functools
-import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,30 @@ _jacobian, _xyzquat = pin.getFrameJacobian, pin.SE3ToXYZQUAT
 
 _LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
 """(3, 3, 3): (a x b)_i = sum_jk e[i, j, k] a_j b_k."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelSource:
+    """Where an arm's model comes from.
+
+    Attributes:
+        urdf: the file that the model was read from.
+        text: the URDF that the model was made of, with the base where it stands.
+        sha256: of the URDF's file; with an arm's file of one's own, of that one as well.
+        packages: folders in which the meshes of package:// are looked for.
+        locked: joints on the way to the flange that are held because load_arm() was told so,
+            with their positions.
+        sources: where the numbers in the arm's file come from, by topic.
+        notes: sentences on what was assumed or left out when the arm was loaded.
+    """
+
+    urdf: Path
+    text: str
+    sha256: str
+    packages: tuple[Path, ...] = ()
+    locked: Mapping[str, float] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +115,7 @@ class Arm(Limited):
         middle: (nv,) middle of the position limits; 0 for continuous joints.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
             spherical-revolute-spherical arm that is straight at zero; None for other arms.
-        urdf: the file that the model was read from.
+        source: the file that the model was read from, and what is known of it.
     """
 
     def __init__(
@@ -110,7 +133,7 @@ class Arm(Limited):
         speed_near_limits: SpeedNearLimits | None = None,
         by_hand: Mapping[str, Any] | None = None,
         srs_offsets: ArrayLike | None = None,
-        urdf: Path | None = None,
+        source: ModelSource | None = None,
     ) -> None:
         """Make an arm of a model.
 
@@ -129,11 +152,11 @@ class Arm(Limited):
             by_hand: limits by their name in ArmLimits, each of which takes the place of the arm's
                 own.
             srs_offsets: see the attribute.
-            urdf: the file that the model was read from.
+            source: the file that the model was read from.
         """
         frame = find_frame(model, flange)
         self.model, self.flange, self.name = model, flange, name
-        self.title, self.licence, self.urdf = title or name, licence, urdf
+        self.title, self.licence, self.source = title or name, licence, source
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
         self.jMflange = frame.placement * offset
@@ -214,8 +237,18 @@ class Arm(Limited):
             angles[self._turning] = np.arctan2(sine, cosine)
         return angles
 
-    def configuration(self, angles: ArrayLike) -> Array:
-        """Configuration (nq,) of joint coordinates (nv,); inverse of angles()."""
+    def configuration(self, angles: ArrayLike | Mapping[str, float]) -> Array:
+        """Configuration (nq,) of joint coordinates (nv,); inverse of angles().
+
+        The coordinates may also be given by the joints' names, in any order, as a robot reports
+        them; other joints that it reports, such as a gripper's, are passed over.
+
+        Raises:
+            InvalidCommand: a joint is missing, a coordinate is not finite, or there are too many
+                or too few.
+        """
+        if isinstance(angles, Mapping):
+            angles = self._in_order(angles)
         angles = _checked(angles, self.nv, "joint angles")
         q = np.zeros(self.nq)
         q[self._idx_q] = np.where(self._continuous, np.cos(angles), angles)
@@ -242,10 +275,15 @@ class Arm(Limited):
         """
         self._check_inside(_checked(angles, self.nv, "joint angles"))
 
-    @functools.cached_property
+    @property
+    def urdf(self) -> Path | None:
+        """The file that the model was read from; None where it came from none."""
+        return None if self.source is None else self.source.urdf
+
+    @property
     def sha256(self) -> str:
-        """Of the URDF; empty where the model came from none."""
-        return "" if self.urdf is None else hashlib.sha256(self.urdf.read_bytes()).hexdigest()
+        """Of what the model was read from; empty where it came from no file."""
+        return "" if self.source is None else self.source.sha256
 
     @functools.cached_property
     def reach(self) -> float:
@@ -259,10 +297,14 @@ class Arm(Limited):
         )
         return max(_climb(flange, angles, shoulder) for angles in starts[:8])
 
-    def _copy(self) -> Arm:
-        arm = object.__new__(Arm)
-        arm.__dict__.update(self.__dict__)
-        return arm
+    def _in_order(self, angles: Mapping[str, float]) -> Array:
+        """Joint coordinates (nv,) out of those given by name."""
+        if missing := [joint for joint in self.joints if joint not in angles]:
+            raise InvalidCommand(
+                f"joint angles without {', '.join(missing)}, but with {', '.join(angles)}; give "
+                f"all of {', '.join(self.joints)}"
+            )
+        return np.array([angles[joint] for joint in self.joints], dtype=float)
 
     def _put_effector(self, jMe: pin.SE3) -> None:
         """Put the effector at a placement seen from the last joint: a frame of its own."""

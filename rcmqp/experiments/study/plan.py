@@ -18,7 +18,7 @@ from rcmqp.references.operators import CameraTrial, Learning, Operator, operator
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import names_its_flange
 
 PAPERS_PERIOD = 8e-3
 """Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
@@ -125,7 +125,7 @@ class Trial:
         Raises:
             OptionError: nobody steers in this scenario, or somebody of its own.
         """
-        flange = None if self.arm in ("", *arm_names()) else self.flange
+        flange = self.flange if self.arm and not names_its_flange(self.arm) else None
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
         base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
         if not isinstance(base.path, CameraTrial):
@@ -181,7 +181,8 @@ class Study:
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
                 raise OptionError(f"{name} = {values}: at least one, and none twice")
-        if self.flange is not None and not set(self.arms).difference(("", *arm_names())):
+        urdfs = [arm for arm in self.arms if arm and not names_its_flange(arm)]
+        if self.flange is not None and not urdfs:
             raise OptionError(f"flange = {self.flange} is for a URDF, and none of the arms is one")
         operator_of_study(0, self.seed)
 
