@@ -14,7 +14,18 @@ import typer
 from rich.markup import escape
 
 import rcmqp
-from rcmqp.cli import compare, hands, lists, loopback, report, reproduce, run, study, viewer
+from rcmqp.cli import (
+    calibrate,
+    compare,
+    hands,
+    lists,
+    loopback,
+    report,
+    reproduce,
+    run,
+    study,
+    viewer,
+)
 from rcmqp.cli.console import err, out, show_warning
 from rcmqp.errors import ArmWarning, RcmqpError
 from rcmqp.runs.printable import shortened
@@ -105,6 +116,7 @@ for command in (
     compare.compare,
     study.study,
     hands.hands,
+    calibrate.calibrate,
     reproduce.reproduce,
     loopback.loopback,
     viewer.view,

@@ -11,12 +11,18 @@ from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
+    Axis,
+    Cone,
+    Depth,
     FlangeOption,
     GovernorOption,
     JerkOption,
     Jobs,
+    Tolerance,
+    Trocar,
     governor_change,
     limits_of,
+    port_of,
 )
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, UnknownName
@@ -53,6 +59,11 @@ def compare(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
@@ -104,7 +115,8 @@ def compare(
         laws,
         {name: value for name, value in changes.items() if value is not None}
         | governor_change(governor)
-        | limits_of(acceleration, jerk).given(),
+        | limits_of(acceleration, jerk).given()
+        | port_of(trocar, axis, depth, cone, tolerance),
         flange,
     )
     with console.bar(quiet=as_json) as advance:

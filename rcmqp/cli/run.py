@@ -11,11 +11,17 @@ from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
+    Axis,
+    Cone,
+    Depth,
     FlangeOption,
     GovernorOption,
     JerkOption,
+    Tolerance,
+    Trocar,
     governor_change,
     limits_of,
+    port_of,
 )
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import options_of
@@ -51,6 +57,11 @@ def run(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     period: Annotated[
         float | None,
         typer.Option(help="Sampling period T in s; the scenario's, 0.001, without it."),
@@ -86,6 +97,8 @@ def run(
 
       rcmqp run conical_helix --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
 
+      rcmqp run circle --arm panda --trocar 0.45,0.1,0.2 --depth 0.12
+
       rcmqp run fast_helix --controller hierarchical_qp --governor
     """
     if arm == "":
@@ -98,6 +111,7 @@ def run(
     changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     given = {name: value for name, value in changes.items() if value is not None}
     given |= governor_change(governor) | limits_of(acceleration, jerk).given()
+    given |= port_of(trocar, axis, depth, cone, tolerance)
     chosen = load_scenario(scenario, arm, flange=flange, **given)
     made = make_controller(controller, chosen.insertion(), chosen.period, **options)
     if file is not None:

@@ -16,10 +16,12 @@ from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.loading import arm_names
+from rcmqp.world.port import Port
 
 
 def scenario_names() -> list[str]:
@@ -35,6 +37,7 @@ def load_scenario(
     flange: str | None = None,
     acceleration: float | Sequence[float | None] | None = None,
     jerk: float | Sequence[float | None] | None = None,
+    port: Port | None = None,
     **changes: Any,
 ) -> Scenario:
     """Make a scenario by name on an arm, or read one from a file.
@@ -42,12 +45,13 @@ def load_scenario(
     Args:
         name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
             those in the scenarios folder; or a .json file that holds Scenario.to_json().
-        arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
-            own. A .json file has its arm already.
+        arm: a name that load_arm() knows, or the path of an arm's file or of a URDF; without it,
+            the scenario's own. A .json file has its arm already.
         flange: with a URDF, the frame that carries the instrument.
         acceleration: limits of the joints in place of the arm's own, one number for all joints or
             one for each [rad/s^2].
         jerk: likewise [rad/s^3]; other limits are given by ``limits``.
+        port: where the incision is, in place of the scenario's own.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
     Raises:
@@ -80,10 +84,10 @@ def load_scenario(
     scenario = dataclasses.replace(scenario, **changes)
     given: dict[str, Any] = {"acceleration": acceleration, "jerk": jerk}
     given = {limit: value for limit, value in given.items() if value is not None}
-    if not given:
-        return scenario
-    limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
-    return dataclasses.replace(scenario, limits=limits)
+    if given:
+        limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
+        scenario = dataclasses.replace(scenario, limits=limits)
+    return scenario if port is None else at_port(scenario, port)
 
 
 def scenario_module(name: str) -> ModuleType:

@@ -16,9 +16,11 @@ from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.references.operators import CameraTrial, Learning, Operator, operator_of_study
 from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.loading import names_its_flange
+from rcmqp.world.port import Port
 
 PAPERS_PERIOD = 8e-3
 """Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
@@ -102,6 +104,7 @@ class Trial:
         flange: with a URDF, the frame that carries the instrument.
         limits: of the joints, in place of the arm's own; None for those.
         learning: of the novices; None for the scenario's, as a rule none.
+        port: where the incision is; None for the scenario's.
     """
 
     scenario: str
@@ -112,6 +115,7 @@ class Trial:
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
+    port: Port | None = None
 
     @property
     def stem(self) -> str:
@@ -127,7 +131,9 @@ class Trial:
         """
         flange = self.flange if self.arm and not names_its_flange(self.arm) else None
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
-        base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
+        base = _base(
+            self.scenario, self.arm, flange, self.law.period, self.limits, self.port, files
+        )
         if not isinstance(base.path, CameraTrial):
             raise OptionError(
                 f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
@@ -162,6 +168,7 @@ class Study:
         limits: of the joints, in place of every arm's own; None for those.
         learning: of the novices, practice before the trial and learning in it; None for people
             who do not learn.
+        port: where the incision is; None for the scenario's.
     """
 
     scenario: str = "camera_task"
@@ -172,6 +179,7 @@ class Study:
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
+    port: Port | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -189,7 +197,17 @@ class Study:
     def trials(self) -> list[Trial]:
         """Every trial; all of a person's one after the other."""
         return [
-            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits, self.learning)
+            Trial(
+                self.scenario,
+                i,
+                self.seed,
+                arm,
+                law,
+                self.flange,
+                self.limits,
+                self.learning,
+                self.port,
+            )
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
 
@@ -201,14 +219,15 @@ def _base(
     flange: str | None,
     period: float,
     limits: ArmLimits | None,
+    port: Port | None,
     files: tuple[Stamp, ...],
 ) -> Scenario:
     """The scenario without anybody in it; ``files`` is for the cache alone."""
     base = load_scenario(scenario, arm or None, flange=flange, period=period)
-    if limits is None:
-        return base
-    given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
-    return dataclasses.replace(base, limits=given)
+    if limits is not None:
+        given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
+        base = dataclasses.replace(base, limits=given)
+    return base if port is None else at_port(base, port)
 
 
 def _stamp(name: str) -> Stamp:
