@@ -34,6 +34,9 @@ from rcmqp.runs.run_file import Recording
 from rcmqp.show.labels import given_cells, given_words
 from rcmqp.show.markdown import TitledTable
 from rcmqp.world.arm import Arm
+from rcmqp.world.ease import ease_at
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import arm_names
 
 WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
@@ -270,7 +273,8 @@ def print_arm(arm: Arm) -> None:
         note += " Near its position limits a joint may move only more slowly."
     out.print(note, style="dim", soft_wrap=True)
     if arm.source is not None and arm.name not in arm_names():
-        for line in arm.source.notes:
+        ease = ease_at(Insertion.on_shaft(arm, Instrument()))
+        for line in (*arm.source.notes, f"home: {ease}"):
             out.print(one_line(line), soft_wrap=True, highlight=False, markup=False)
         for topic, source in arm.source.sources.items():
             line = one_line(f"source of {topic}: {source}")

@@ -32,6 +32,7 @@ from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate
+from rcmqp.world.ease import ease_at
 from rcmqp.world.loading import arm_names
 
 
@@ -113,7 +114,10 @@ def run(
     given |= governor_change(governor) | limits_of(acceleration, jerk).given()
     given |= port_of(trocar, axis, depth, cone, tolerance)
     chosen = load_scenario(scenario, arm, flange=flange, **given)
-    made = make_controller(controller, chosen.insertion(), chosen.period, **options)
+    insertion = chosen.insertion()
+    if trocar is not None and tolerance is None and not as_json:
+        console.err.print(f"start: {ease_at(insertion)}", highlight=False, soft_wrap=True)
+    made = make_controller(controller, insertion, chosen.period, **options)
     if file is not None:
         check_replaceable(file)
     with console.bar(quiet=as_json) as advance:

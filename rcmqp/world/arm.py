@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,7 +110,6 @@ class Arm(Limited):
         model: Pinocchio's model.
         flange: name of the frame that the instrument is mounted on.
         jMflange: placement of the flange in the last joint's frame.
-        home: (nv,) joint angles of the named starting pose [rad].
         lower, upper, velocity, acceleration, jerk, speed_near_limits: see Limited.
         middle: (nv,) middle of the position limits; 0 for continuous joints.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
@@ -127,6 +126,7 @@ class Arm(Limited):
         title: str | None = None,
         licence: str = "unknown",
         home: ArrayLike | None = None,
+        home_search: Callable[[Arm], Array] | None = None,
         flange_offset: pin.SE3 | None = None,
         acceleration: Given | None = None,
         jerk: Given | None = None,
@@ -143,7 +143,9 @@ class Arm(Limited):
             name: what it is called.
             title: what people call it; the name without it.
             licence: of the model file.
-            home: (nv,) joint angles of the starting pose; the middle without it.
+            home: (nv,) joint angles of the starting pose.
+            home_search: finds them where they are first needed and not given; the middle of the
+                limits without it.
             flange_offset: placement of the flange in its frame.
             acceleration: what is known of the limits, see Given; the speed limit over SPEED_TIME
                 is assumed of other joints.
@@ -182,7 +184,8 @@ class Arm(Limited):
         middle = np.zeros(model.nv)
         middle[limited] = (self.lower[limited] + self.upper[limited]) / 2
         self.middle = _vector("middle", middle, model.nv)
-        self.home = _vector("home", middle if home is None else home, model.nv)
+        self._given_home = None if home is None else _vector("home", home, model.nv)
+        self._home_search = home_search
 
     def __repr__(self) -> str:
         return f"Arm({self.name!r}, nv={self.nv}, flange={self.flange!r})"
@@ -274,6 +277,14 @@ class Arm(Limited):
             JointLimitViolated: the joint that is farthest outside its limits.
         """
         self._check_inside(_checked(angles, self.nv, "joint angles"))
+
+    @functools.cached_property
+    def home(self) -> Array:
+        """(nv,) joint angles of the named starting pose [rad]."""
+        if self._given_home is not None:
+            return self._given_home
+        search = self._home_search
+        return _vector("home", self.middle if search is None else search(self), self.nv)
 
     @property
     def urdf(self) -> Path | None:

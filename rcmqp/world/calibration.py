@@ -115,7 +115,7 @@ def _least_squares(A: Array, b: Array, first: int) -> tuple[Array, Array, Array 
         )
     found: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
     variance = float(np.sum((A @ found - b) ** 2)) / (len(b) - len(found))
-    covariance: Array = variance * np.linalg.inv(A.T @ A)
+    covariance = np.asarray(variance * np.linalg.inv(A.T @ A), dtype=float)
     return found, covariance, worst if ratio < WEAK else None
 
 

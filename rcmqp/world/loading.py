@@ -28,7 +28,9 @@ from rcmqp.world.arm_limits import (
     per_joint,
     per_joint_position,
 )
+from rcmqp.world.instrument import Instrument
 from rcmqp.world.questions import questions
+from rcmqp.world.start import find_home
 from rcmqp.world.urdf import (
     Urdf,
     limits_of,
@@ -250,14 +252,12 @@ def _build(
     joints = list(model.names)[1:]
     about = limits_of(urdf, joints) | _accelerations(own) | about
     if home is None:
-        notes.append("home is not given: searched, far from limits and singularities")
+        notes.append("home is not given: searched, see there")
     source = dataclasses.replace(source, notes=tuple(notes))
     home = _by_joint(home, joints, name)
-    arm = Arm(model, flange, name=name, home=home, source=source, **about)
+    arm = Arm(model, flange, name=name, home=home, home_search=_home, source=source, **about)
     _check_limits(arm)
-    if home is None:
-        arm.home = _comfortable(arm)
-    else:
+    if home is not None:
         arm.check_limits(arm.home)
     return arm
 
@@ -348,6 +348,12 @@ def _check_limits(arm: Arm) -> None:
                 f"{arm.name}: joint {joint!r} has velocity limit {velocity}; "
                 "give it a positive, finite one in <limit velocity=...>"
             )
+
+
+def _home(arm: Arm) -> Array:
+    """A home for an arm that has none: with the shaft downwards, or else where it is at ease."""
+    found = find_home(arm, Instrument())
+    return _comfortable(arm) if found is None else found.angles
 
 
 def _comfortable(arm: Arm, samples: int = 4000) -> Array:
