@@ -269,6 +269,7 @@ def test_a_controller_of_ones_own_that_was_edited_runs_again(
     assert note == "mine, 20 ms or the URDF has changed since it was run; 1 trials are made again"
 
 
+@pytest.mark.filterwarnings("ignore:.*axis points outwards")  # Kinova's frame
 def test_a_fingerprint_knows_the_urdf_the_options_and_the_code(tmp_path: Path) -> None:
     def made(kind: type[DualQuaternion], limit: str = "", **options: float) -> str:
         urdf = load_arm("kinova").urdf

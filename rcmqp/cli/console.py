@@ -191,7 +191,8 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
         )
         found.append(
-            f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} rad; start "
+            f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} rad (m if "
+            "it slides); start "
             "elsewhere, or try --set objective=joint_centring or --set K_c=0"
         )
     if metrics.rcm_max_mm > RCM_WARNING_MM:

@@ -78,8 +78,10 @@ def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
         ) from error
     for (name, size), values in zip(sizes.items(), (q, v), strict=True):
         if values.shape != (size,):
+            angles = name.endswith(" q") and values.shape == (arm.nv,)
+            hint = "; arm.configuration(angles) makes one of joint angles" if angles else ""
             raise InvalidCommand(
-                f"read() answered a {name} of shape {values.shape}, it must be ({size},)"
+                f"read() answered a {name} of shape {values.shape}, it must be ({size},){hint}"
             )
         if not np.isfinite(values).all():
             raise InvalidCommand(f"{name} is not finite, as it was read: {values}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 from collections import ChainMap
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -27,7 +28,7 @@ from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Camera, Instrument, Trocar
-from rcmqp.world.loading import load_arm, names_its_flange
+from rcmqp.world.loading import arm_names, load_arm, names_its_flange
 from rcmqp.world.motions import MOTIONS, Motion, Still
 from rcmqp.world.obstacles import Sphere
 
@@ -231,7 +232,7 @@ class Scenario:
                 "and load that"
             )
         given = {
-            "arm": arm.name,
+            "arm": arm.name if arm.name in arm_names() else os.path.abspath(arm.name),
             "flange": None if names_its_flange(arm.name) else arm.flange,
             "angles_start": tuple(insertion.angles_start),
             "instrument": insertion.instrument,

@@ -214,7 +214,7 @@ class Arm(Limited):
             InvalidCommand: q, v or a has the wrong size.
         """
         nq, nv = self._sizes
-        q = _sized(q, nq, "configuration q")
+        q = _sized(q, nq, "configuration q", self._hint(q))
         v = self._still if v is None else _sized(v, nv, "joint velocity v")
         a = self._still if a is None else _sized(a, nv, "joint acceleration a")
         model, data, effector = self._kinematics, self._data, self._effector
@@ -308,6 +308,12 @@ class Arm(Limited):
         )
         return max(_climb(flange, angles, shoulder) for angles in starts[:8])
 
+    def _hint(self, q: ArrayLike) -> str:
+        """What to do about joint angles in place of a configuration; else empty."""
+        if self.nq == self.nv or np.shape(q) != (self.nv,):
+            return ""
+        return "; arm.configuration(angles) makes one of joint angles, as some of them are endless"
+
     def _in_order(self, angles: Mapping[str, float]) -> Array:
         """Joint coordinates (nv,) out of those given by name."""
         if missing := [joint for joint in self.joints if joint not in angles]:
@@ -363,11 +369,11 @@ def kinematic_hessian(J_local: Array) -> Array:
     return np.asarray(beyond * np.concatenate([w_x_v - w_x_v.transpose(0, 2, 1), w_x_w]))
 
 
-def _sized(values: ArrayLike, size: int, what: str) -> Array:
+def _sized(values: ArrayLike, size: int, what: str, hint: str = "") -> Array:
     """A copy (size,) of the values that cannot be written."""
     array = _kernel.frozen(values, size)
     if array is None:
-        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},)")
+        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},){hint}")
     return array
 
 

@@ -11,6 +11,9 @@ from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.instrument import Vector3, vector3
 
+LATE = 1e5
+"""First time that is taken for a clock of the recording's own [s]: a day and more."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
@@ -31,14 +34,19 @@ class Sampled:
 
     def __post_init__(self) -> None:
         """Make plain tuples of both and check them."""
-        times, positions = tuple(map(float, self.times)), tuple(self.positions)
+        times, positions = _times(self.times), tuple(self.positions)
         if len(times) < 2 or len(times) != len(positions):
             raise OptionError(
                 f"{len(times)} times and {len(positions)} positions; a motion needs two or more, "
                 "and as many of the one as of the other"
             )
         steps = np.diff(times)
-        if not (np.isfinite(times).all() and times[0] >= 0.0 and (steps > 0.0).all()):
+        if times[0] < 0.0 or times[0] > LATE:
+            raise OptionError(
+                f"times[0] = {times[0]:.12g} s; times count from the run's start, at 0 s: give "
+                "times - times[0] where the recording has a clock of its own"
+            )
+        if not (np.isfinite(times).all() and (steps > 0.0).all()):
             wrong = int(np.argmin(steps > 0.0)) + 1
             raise OptionError(
                 "times must be finite, from 0 on, and grow: see "
@@ -83,3 +91,14 @@ class Sampled:
         leaving = (np.array(self.positions[i + 1]) - here) / after
         slope: Array = (after * arriving + before * leaving) / (before + after)
         return slope
+
+
+def _times(given: object) -> tuple[float, ...]:
+    """Times as plain numbers."""
+    try:
+        times = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"times must be numbers in a row: {error}") from error
+    if times.ndim != 1:
+        raise OptionError(f"times has shape {times.shape}, it must be (n,); try times.ravel()")
+    return tuple(times.tolist())
