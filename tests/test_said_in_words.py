@@ -92,6 +92,19 @@ def test_joint_angles_in_place_of_a_configuration_are_answered_with_the_remedy()
         insertion.state(np.zeros(5))
 
 
+def test_readings_may_come_by_joint_name_in_any_order() -> None:
+    arm, rng = load_arm("kinova"), np.random.default_rng(7)
+    angles, v = arm.random_angles(rng), rng.normal(size=6)
+    order = [3, 0, 5, 1, 4, 2]
+    named = tuple({arm.joints[i]: float(values[i]) for i in order} for values in (angles, v))
+    q_read, v_read = as_reading(named, arm)
+    assert np.array_equal(q_read, arm.configuration(angles))
+    assert np.array_equal(v_read, v)
+    del named[1][arm.joints[3]]
+    with pytest.raises(InvalidCommand, match=r"read\(\) answered"):
+        as_reading(named, arm)
+
+
 def test_a_scenario_knows_its_urdf_from_any_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,13 +66,21 @@ class LoopFault(RcmqpError):
 def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
     """Configuration (nq,) and joint velocity (nv,) [rad/s] that read() answered.
 
+    Both may also be given by the joints' names, in any order: angles, and velocities.
+
     Raises:
         InvalidCommand: they are not, or not finite.
     """
     sizes = {"configuration q": arm.nq, "joint velocity v": arm.nv}
     try:
-        q, v = (np.array(values, dtype=float) for values in answer)  # type: ignore[attr-defined]
-    except (TypeError, ValueError) as error:
+        pair: tuple[Any, Any] = tuple(answer)  # type: ignore[arg-type]
+        read, rate = pair
+        if isinstance(read, Mapping):
+            read, rate = arm.configuration(read), [rate[joint] for joint in arm.joints]
+        q, v = np.array(read, dtype=float), np.array(rate, dtype=float)
+    except InvalidCommand:
+        raise
+    except (TypeError, ValueError, LookupError) as error:
         raise InvalidCommand(
             f"read() answered {answer!r}; it must be a pair of arrays, configuration q "
             f"({arm.nq},) and joint velocity v ({arm.nv},), as measured now"

@@ -29,12 +29,12 @@ from rcmqp.world.arm_limits import (
     per_joint_position,
 )
 from rcmqp.world.instrument import Instrument
+from rcmqp.world.mimics import without_mimics
 from rcmqp.world.questions import questions
 from rcmqp.world.start import find_home
 from rcmqp.world.urdf import (
     Urdf,
     limits_of,
-    mimics_of,
     model_of,
     placed,
     read_urdf,
@@ -220,6 +220,7 @@ def _build(
     **about: Any,
 ) -> Arm:
     """Hold the locked joints and those off the chain, check what is left, and make the Arm."""
+    given, urdf = urdf, without_mimics(urdf, flange, list(locked))
     model = model_of(urdf)
     joint = find_frame(model, flange).parentJoint
     if model.njoints == 1:
@@ -242,18 +243,14 @@ def _build(
             model.names[i] = f"{model.names[i]} (joint)"
     model = pin.buildReducedModel(model, hold, q)
     _check(model, flange, name)
-    for mimic in mimics_of(urdf):
-        if model.existJointName(mimic):
-            raise ArmError(
-                f"{name}: joint {mimic!r} mimics another one and moves the flange; hold it with "
-                "locked, or take its <mimic> out of the URDF"
-            )
     notes += _set_position_and_speed(model, urdf, own)
+    if urdf is not given:
+        notes.append("a parallelogram is put into one joint; its bars are not drawn")
     joints = list(model.names)[1:]
     about = limits_of(urdf, joints) | _accelerations(own) | about
     if home is None:
         notes.append("home is not given: searched, see there")
-    source = dataclasses.replace(source, notes=tuple(notes))
+    source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text)
     home = _by_joint(home, joints, name)
     arm = Arm(model, flange, name=name, home=home, home_search=_home, source=source, **about)
     _check_limits(arm)

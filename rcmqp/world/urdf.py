@@ -101,11 +101,6 @@ def model_of(urdf: Urdf) -> pin.Model:
     return model
 
 
-def mimics_of(urdf: Urdf) -> list[str]:
-    """Names of the joints of a URDF that follow another joint."""
-    return [joint.attrib["name"] for joint in _joints(urdf) if joint.find("mimic") is not None]
-
-
 def limits_of(urdf: Urdf, joints: Sequence[str]) -> dict[str, dict[str, float]]:
     """Limits that URDF 1.2 has of some joints: ``limits["acceleration"]["elbow"]``, and "jerk".
 
