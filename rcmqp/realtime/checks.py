@@ -73,7 +73,7 @@ def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
     """
     sizes = {"configuration q": arm.nq, "joint velocity v": arm.nv}
     try:
-        pair: tuple[Any, Any] = tuple(answer)  # type: ignore[arg-type]
+        pair: Any = answer
         read, rate = pair
         if isinstance(read, Mapping):
             read, rate = arm.configuration(read), [rate[joint] for joint in arm.joints]
