@@ -28,10 +28,9 @@ from rcmqp.world.arm_limits import (
     per_joint,
     per_joint_position,
 )
-from rcmqp.world.instrument import Instrument
+from rcmqp.world.home import home_of
 from rcmqp.world.mimics import without_mimics
 from rcmqp.world.questions import questions
-from rcmqp.world.start import find_home
 from rcmqp.world.urdf import (
     Urdf,
     limits_of,
@@ -252,7 +251,7 @@ def _build(
         notes.append("home is not given: searched, see there")
     source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text)
     home = _by_joint(home, joints, name)
-    arm = Arm(model, flange, name=name, home=home, home_search=_home, source=source, **about)
+    arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
     _check_limits(arm)
     if home is not None:
         arm.check_limits(arm.home)
@@ -345,26 +344,3 @@ def _check_limits(arm: Arm) -> None:
                 f"{arm.name}: joint {joint!r} has velocity limit {velocity}; "
                 "give it a positive, finite one in <limit velocity=...>"
             )
-
-
-def _home(arm: Arm) -> Array:
-    """A home for an arm that has none: with the shaft downwards, or else where it is at ease."""
-    found = find_home(arm, Instrument())
-    return _comfortable(arm) if found is None else found.angles
-
-
-def _comfortable(arm: Arm, samples: int = 4000) -> Array:
-    """The best of many random configurations: far from its limits, and quick in every direction.
-
-    Quick: how fast a point in the middle of an instrument can move and turn (the units of metre
-    and radian mixed) before the first joint is at its speed limit.
-    """
-    rng = np.random.default_rng(0)
-    middle = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2])))
-    candidates = np.array([arm.random_angles(rng) for _ in range(samples)])
-    J = np.array([middle.state(arm.configuration(angles)).J_local for angles in candidates])
-    effort = np.linalg.norm(np.linalg.pinv(J), axis=-1) / np.minimum(arm.velocity, 10.0)
-    margin = np.minimum(arm.limit_margin(candidates).min(axis=1), 0.35)
-    home: Array = candidates[int(np.argmax(margin / effort.max(axis=1)))]
-    home.setflags(write=False)
-    return home

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -31,7 +29,7 @@ HOPELESS, FAR = 30, 0.05
 HELD = 1e-9
 """Residual of what counts as reached [m, rad]."""
 
-LOOKED_AT, HOMES_LOOKED_AT = 12, 4
+LOOKED_AT = 12
 """Starts, the best of those found, that are followed over tilts and depths."""
 
 _Found = tuple[float, Array, float]
@@ -131,7 +129,7 @@ def search_start(
     rng = np.random.default_rng(seed)
     seeds = [arm.home, *(arm.random_angles(rng) for _ in range(attempts))]
     margins = np.where(arm.turns, margin, stroke_margin)
-    search = _Search(arm, instrument, margins, singular_value)
+    search = Search(arm, instrument, margins, singular_value)
     search.look(trocar, depth, seeds)
     best = search.best()
     if best is None:
@@ -139,7 +137,7 @@ def search_start(
     return best
 
 
-class _Search:
+class Search:
     """Searches for starts of one arm, and what came of them."""
 
     def __init__(
@@ -265,88 +263,3 @@ def _solve(
         step *= min(1.0, STEP / max(float(np.abs(step).max()), 1e-300))
         angles = np.clip(angles + step, lower, upper)
     return angles, gap
-
-
-# A home, where none is given ---------------------------------------------------------------
-
-OUT, UP = (0.35, 0.5, 0.65), (-0.1, 0.15, 0.4)
-"""Places of the flange in front of the arm: shares of its reach, from the first joint."""
-
-SIDES = tuple(math.radians(each) for each in (0.0, 60.0, -60.0))
-"""Directions from the base in which the patient may lie; the first is in front of it, along x."""
-
-TILTS = tuple(math.radians(each) for each in (0.0, 25.0, 43.0))
-"""Of the shaft, from straight down and away from the base."""
-
-ASIDE = 0.7
-"""What the score of a home is multiplied with whose patient lies not in front of the base."""
-
-GOOD = 0.1
-"""Score, a metre of reach, of a home that is good enough to look no further."""
-
-POOL, SEEDS = 3000, 4
-"""Random configurations, and how many of them each place is searched from."""
-
-
-def find_home(arm: Arm, instrument: Instrument, depth: float = 0.1) -> Start | None:
-    """A home that a surgeon would use; None where the arm has none. The same each time.
-
-    The shaft points downwards through a trocar in front of the base, above the floor, and the
-    start is an easy one, see Ease. Sides and tilts of the shaft are tried until one is good; else
-    the best of all is taken, where straight down and in front count for more.
-    """
-    pool = _Pool(arm)
-    length = instrument.tip - depth
-    margins = np.where(arm.turns, 0.1, np.minimum(0.01, 0.2 * (arm.upper - arm.lower)))
-    search = _Search(arm, instrument, margins, 0.02)
-    best, best_score = None, 0.0
-    for tilt, side in product(TILTS, SIDES):
-        search.found = []
-        for trocar in _trocars(arm, pool.reach, side, tilt, length):
-            search.look(trocar, depth, pool.near(trocar, length))
-        there = search.best(most=HOMES_LOOKED_AT)
-        if there is None:
-            continue
-        score = there.ease.score * math.cos(tilt) ** 4 * (1.0 if side == 0.0 else ASIDE)
-        if score > best_score:
-            best, best_score = there, score
-        if best_score > GOOD * pool.reach:
-            break
-    return best and dataclasses.replace(best, searches=search.searches, reached=search.reached)
-
-
-class _Pool:
-    """Random configurations of an arm, and where their flanges are."""
-
-    def __init__(self, arm: Arm) -> None:
-        rng = np.random.default_rng(0)
-        flange = arm.with_effector(pin.SE3.Identity())
-        self.angles = np.array([arm.random_angles(rng) for _ in range(POOL)])
-        placements = [flange.state(arm.configuration(each)).oMe for each in self.angles]
-        self.points = np.array([each.translation for each in placements])
-        self.axes = np.array([each.rotation[:, 2] for each in placements])
-        shoulder = np.array(arm.model.jointPlacements[1].translation)
-        self.reach = float(np.linalg.norm(self.points - shoulder, axis=1).max())
-        travel = arm.upper - arm.lower
-        limited = np.isfinite(travel)
-        room = arm.limit_margin(self.angles)[:, limited] / travel[limited]
-        self.tight = 0.5 - room.min(axis=1, initial=0.5)
-
-    def near(self, trocar: Trocar, length: float) -> Array:
-        """Configurations (SEEDS, nv) whose shaft is near the trocar and its axis, and at ease."""
-        axis = np.array(trocar.axis)
-        flange = np.array(trocar.pivot) - length * axis
-        away = np.linalg.norm(self.points - flange, axis=1) / self.reach
-        turned = np.arccos(np.clip(self.axes @ axis, -1.0, 1.0)) / math.pi
-        chosen: Array = self.angles[np.argsort(away + turned + self.tight)[:SEEDS]]
-        return chosen
-
-
-def _trocars(arm: Arm, reach: float, side: float, tilt: float, length: float) -> Iterator[Trocar]:
-    """Trocars on one side of the base, ``length`` [m] from the flange."""
-    shoulder = np.array(arm.model.jointPlacements[1].translation)
-    out, up = np.array([math.cos(side), math.sin(side), 0.0]), np.array([0.0, 0.0, 1.0])
-    axis = math.sin(tilt) * out - math.cos(tilt) * up
-    for share, height in product(OUT, UP):
-        pivot = shoulder + reach * (share * out + height * up) + length * axis
-        yield Trocar(tuple(pivot), tuple(axis))
