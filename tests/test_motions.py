@@ -172,7 +172,11 @@ ZERO: Vector3 = (0.0, 0.0, 0.0)
         ("sampled", {"times": (0.0, 1.0, 1.0), "positions": (ZERO, ZERO, ZERO)}, "taken twice"),
         ("sampled", {"times": (0.0, math.nan), "positions": (ZERO, ZERO)}, r"times\[1\] = nan"),
         ("sampled", {"times": (0.0, math.inf), "positions": (ZERO, ZERO)}, "times must be finite"),
-        ("sampled", {"times": (-1.0, 1.0), "positions": (ZERO, ZERO)}, "from 0 on"),
+        (
+            "sampled",
+            {"times": (-1.0, 1.0), "positions": (ZERO, ZERO)},
+            "count from the run.s start",
+        ),
         (
             "sampled",
             {"times": (0.0, 1.0), "positions": (ZERO, (0.0, math.nan, 0.0))},

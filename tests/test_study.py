@@ -327,6 +327,7 @@ def test_a_controller_of_ones_own_that_was_edited_runs_again(
     )
 
 
+@pytest.mark.filterwarnings("ignore:.*axis points outwards")  # Kinova's frame
 def test_an_identity_knows_the_urdf_the_options_and_the_files_of_the_code(
     short: str, tmp_path: Path
 ) -> None:

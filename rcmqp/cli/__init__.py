@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from typing import Annotated, NoReturn
 
@@ -14,6 +15,7 @@ from rich.markup import escape
 
 import rcmqp
 from rcmqp.cli import (
+    calibrate,
     compare,
     doctor,
     hands,
@@ -25,8 +27,8 @@ from rcmqp.cli import (
     study,
     viewer,
 )
-from rcmqp.cli.console import err, out
-from rcmqp.errors import RcmqpError
+from rcmqp.cli.console import err, out, show_warning
+from rcmqp.errors import ArmWarning, RcmqpError
 from rcmqp.runs.printable import shortened
 
 app = typer.Typer(
@@ -63,7 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; any error ends it with a sentence and exit code 1."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
-        app(given)
+        with warnings.catch_warnings():
+            warnings.showwarning = show_warning
+            warnings.simplefilter("default", ArmWarning)
+            app(given)
     except RcmqpError as error:
         _say_and_end(error, str(error))
     except SystemExit as end:
@@ -129,6 +134,7 @@ for command in (
     compare.compare,
     study.study,
     hands.hands,
+    calibrate.calibrate,
     reproduce.reproduce,
     loopback.loopback,
     viewer.view,

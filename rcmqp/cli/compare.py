@@ -11,19 +11,25 @@ from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
+    Axis,
+    Cone,
+    Depth,
     FlangeOption,
     GovernorOption,
     JerkOption,
     Jobs,
     PlannerOption,
+    Tolerance,
+    Trocar,
     limits_of,
+    port_of,
     scenario_changes,
 )
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.runs.loading import scenario_module
 from rcmqp.show.tables import tables
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import arm_names, names_its_flange
 
 
 def compare(
@@ -35,8 +41,8 @@ def compare(
         typer.Option(
             "--arm",
             "-a",
-            help="Name, or a URDF's path with its flange, FILE.urdf:FLANGE; may be repeated; each "
-            "scenario's own without it.",
+            help="Name, or the path of an arm's .toml or of a URDF with its flange, "
+            "FILE.urdf:FLANGE; may be repeated; each scenario's own without it.",
         ),
     ] = None,
     controller: Annotated[
@@ -54,6 +60,11 @@ def compare(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
@@ -94,12 +105,14 @@ def compare(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
         | limits_of(acceleration, jerk).given()
+        | port_of(trocar, axis, depth, cone, tolerance)
     )
-    urdfs = [comparison.arm_and_flange(each) for each in arm or () if each not in arm_names()]
-    for name, _ in urdfs:
+    files = [comparison.arm_and_flange(each) for each in arm or () if each not in arm_names()]
+    for name, _ in files:
         if name is None or not Path(name).is_file():
             raise UnknownName("arm", str(name), arm_names())
-    if flange is not None and all(own for _, own in urdfs):
+    urdfs = [own for name, own in files if not names_its_flange(str(name))]
+    if flange is not None and all(urdfs):
         raise OptionError("--flange is for a URDF without its own, and none of the arms is one")
     for law in laws:
         controller_of(law)

@@ -26,6 +26,10 @@ from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show.labels import given_cells, given_words, joint_units, unit_of
 from rcmqp.show.table import Table
 from rcmqp.world.arm import Arm
+from rcmqp.world.ease import ease_at
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Instrument
+from rcmqp.world.loading import arm_names
 
 WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
 RCM_WARNING_MM = 1.0
@@ -74,6 +78,18 @@ def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
             progress.advance(tasks[title], done)
 
         yield advance
+
+
+def show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: Any = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning as a sentence; in place of warnings.showwarning()."""
+    err.print(f"[yellow]warning:[/] {escape(one_line(str(message)))}", soft_wrap=True)
 
 
 def print_json(data: Any) -> None:
@@ -237,6 +253,13 @@ def print_arm(arm: Arm) -> None:
     if arm.speed_near_limits is not None:
         note += " Near its position limits a joint may move only more slowly."
     out.print(note, style="dim", soft_wrap=True)
+    if arm.source is not None and arm.name not in arm_names():
+        ease = ease_at(Insertion.on_shaft(arm, Instrument()))
+        for line in (*arm.source.notes, f"home: {ease}"):
+            out.print(one_line(line), soft_wrap=True, highlight=False, markup=False)
+        for topic, source in arm.source.sources.items():
+            line = one_line(f"source of {topic}: {source}")
+            out.print(line, style="dim", soft_wrap=True, highlight=False, markup=False)
 
 
 def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
@@ -280,6 +303,7 @@ def arm_json(arm: Arm) -> dict[str, Any]:
         "reach": arm.reach,
         **{name: [_finite(x) for x in getattr(arm, name)] for name in arrays},
         "assumed": sorted(arm.assumed),
+        "notes": [] if arm.source is None else list(arm.source.notes),
         "licence": arm.licence,
     }
 

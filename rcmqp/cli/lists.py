@@ -27,7 +27,8 @@ def arms(
 ) -> None:
     """List the arms with joints, reach, limits and licence; or one arm's joints.
 
-    [NAME] may also be the path of a URDF, with --flange.
+    [NAME] may also be the path of an arm's file, my_robot.toml, or of a URDF, with --flange: then
+    what was loaded is shown, and what was assumed.
     """
     if name is None:
         chosen = list(_usable(arm_names(), lambda each: load_arm(each, flange)).values())

@@ -10,13 +10,26 @@ import typer
 
 from rcmqp.cli import console
 from rcmqp.cli.console import out
-from rcmqp.cli.options import AccelerationOption, FlangeOption, JerkOption, Jobs, limits_of
+from rcmqp.cli.options import (
+    AccelerationOption,
+    Axis,
+    Cone,
+    Depth,
+    FlangeOption,
+    JerkOption,
+    Jobs,
+    Tolerance,
+    Trocar,
+    limits_of,
+    port_of,
+)
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
 
 if TYPE_CHECKING:
     from rcmqp.experiments.study.outcome import Outcome
+    from rcmqp.world.port import Port
 
 OPERATORS = typer.Option(help="How many simulated people, 20 without it; novices take turns.")
 SEED = typer.Option(help="Of everything random; 0 without it.")
@@ -57,6 +70,11 @@ def study(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     practice: Annotated[float | None, PRACTICE] = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
@@ -96,7 +114,8 @@ def study(
     arms = tuple(arm or [""])
     limits = limits_of(acceleration, jerk)
     learning = learning_of(practice)
-    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits, learning)
+    port = port_of(trocar, axis, depth, cone, tolerance).get("port")
+    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits, learning, port)
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder, jobs=jobs, progress=advance)
     text, files = write_tables(performed)
@@ -125,6 +144,7 @@ def reproduce_b(
     as_json: bool,
     factors: bool,
     practice: float | None,
+    port: Port | None = None,
 ) -> None:
     """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
     from rcmqp.experiments.study import experiment_b  # joblib and SciPy take long to import
@@ -137,6 +157,7 @@ def reproduce_b(
             jobs=jobs,
             factors=factors,
             learning=learning_of(practice),
+            port=port,
             progress=advance,
         )
     studies = [found.performed, *([found.factorial] if found.factorial else [])]

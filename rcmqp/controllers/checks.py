@@ -132,7 +132,7 @@ def fault(state: ArmState, reference: Reference) -> str:
         if not all_finite(values):
             return f"{name} of the reference is not finite"
     if not dq.is_unit(reference.x_d, UNIT_TOLERANCE):
-        return "x_d of the reference is no pose"
+        return f"x_d of the reference is no pose to {UNIT_TOLERANCE:g}: give it to normalized()"
     return ""
 
 

@@ -23,7 +23,6 @@ from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.tables import Row, as_csv, as_latex, as_markdown, columns_explained, row_of
-from rcmqp.world.loading import arm_names
 
 PAUSE = 1.0
 """Least time between two writings of unfinished tables [s]."""
@@ -105,7 +104,7 @@ def arm_and_flange(arm: str | None, flange: str | None = None) -> tuple[str | No
         arm: the text; None for the scenario's own arm, which has no flange of a URDF.
         flange: of a URDF that does not say its own.
     """
-    if arm is None or arm in arm_names():
+    if arm is None or names_its_flange(arm):
         return arm, None
     file, _, own = arm.rpartition(":")
     if file.lower().endswith(".urdf") and not Path(arm).is_file():

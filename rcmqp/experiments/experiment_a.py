@@ -6,6 +6,7 @@ all runs.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import shlex
@@ -31,6 +32,7 @@ from rcmqp.show.report.document import Picture, Screenshot, Section
 from rcmqp.show.table import Table
 from rcmqp.show.viewer.browser import chromium_path
 from rcmqp.world.loading import arm_title
+from rcmqp.world.port import Port
 
 ARMS = ("lwa3", "meka_a2")
 PERIODS = (8e-3, 1e-3)
@@ -95,6 +97,7 @@ def reproduce_a(
     *,
     arms: Sequence[str] = ARMS,
     duration: float | None = None,
+    port: Port | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ExperimentA:
     """Run experiment A with the paper's controller and write runs, a table and a report.
@@ -109,6 +112,7 @@ def reproduce_a(
         out: folder, made if it is not there.
         arms: names that load_arm() knows; the paper's two.
         duration: how long to simulate [s]; the whole helix without it.
+        port: where the incision is; None for each scenario's own.
         progress: called with the run's title, cycles done since the last call, cycles in all.
 
     Raises:
@@ -125,7 +129,7 @@ def reproduce_a(
         check_writable(file)
     found = []
     for case, file in zip(law + rival, files, strict=False):
-        found.append(helix(*case, duration, progress))
+        found.append(helix(*case, duration, progress, port))
         found[-1].save(file)
     runs, rivals = found[: len(law)], found[len(law) :]
     metrics = [compute_metrics(run) for run in runs]
@@ -140,6 +144,7 @@ def reproduce_a(
     )
     again = ["rcmqp", "reproduce", "--out", str(out)]
     again += [] if duration is None else ["--duration", f"{duration:g}"]
+    again += [] if port is None else _options(port)
     names = [file.name for file in files[: len(found)]]
     written = write_report(
         found,
@@ -153,6 +158,20 @@ def reproduce_a(
     return ExperimentA(runs, metrics, length + text, rivals, beside, files)
 
 
+def _options(port: Port) -> list[str]:
+    """The command line's options that ask for this port."""
+    words = []
+    for name, vector in (("--trocar", port.pivot), ("--axis", port.axis)):
+        words += [] if vector is None else [f"{name}={','.join(map(str, vector))}"]
+    numbers = {
+        "--depth": port.depth,
+        "--cone": None if port.cone is None else math.degrees(port.cone),
+        "--tolerance": None if port.tolerance is None else 1e3 * port.tolerance,
+    }
+    given = {name: value for name, value in numbers.items() if value is not None}
+    return words + [f"{name}={value:.9g}" for name, value in given.items()]
+
+
 def helix(
     scenario: str,
     setting: str,
@@ -160,6 +179,7 @@ def helix(
     period: float,
     duration: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    port: Port | None = None,
 ) -> Run:
     """A helix, or the first ``duration`` [s] of it, under a controller.
 
@@ -170,9 +190,10 @@ def helix(
         period: sampling period T [s].
         duration: how long to simulate [s].
         progress: see reproduce_a().
+        port: where the incision is; None for the scenario's.
     """
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    made = load_scenario(scenario, arm, period=period, **changes)
+    made = load_scenario(scenario, arm, period=period, port=port, **changes)
     title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
     name, options = controller_of(setting)
 

@@ -16,11 +16,13 @@ from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.loading import arm_names
 from rcmqp.world.plugins import distribution, load, points
+from rcmqp.world.port import Port
 
 GROUP = "rcmqp.scenarios"
 """Of the entry points whose modules are scenarios."""
@@ -43,6 +45,7 @@ def load_scenario(
     flange: str | None = None,
     acceleration: float | Sequence[float | None] | None = None,
     jerk: float | Sequence[float | None] | None = None,
+    port: Port | None = None,
     **changes: Any,
 ) -> Scenario:
     """Make a scenario by name on an arm, or read one from a file.
@@ -50,12 +53,13 @@ def load_scenario(
     Args:
         name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
             those in the scenarios folder; or a .json file that holds Scenario.to_json().
-        arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
-            own. A .json file has its arm already.
+        arm: a name that load_arm() knows, or the path of an arm's file or of a URDF; without it,
+            the scenario's own. A .json file has its arm already.
         flange: with a URDF, the frame that carries the instrument.
         acceleration: limits of the joints in place of the arm's own, one number for all joints or
             one for each [rad/s^2].
         jerk: likewise [rad/s^3]; other limits are given by ``limits``.
+        port: where the incision is, in place of the scenario's own.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
     Raises:
@@ -81,7 +85,7 @@ def load_scenario(
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
             )
-    return changed(scenario, acceleration=acceleration, jerk=jerk, **changes)
+    return changed(scenario, acceleration=acceleration, jerk=jerk, port=port, **changes)
 
 
 def changed(
@@ -89,9 +93,10 @@ def changed(
     *,
     acceleration: float | Sequence[float | None] | None = None,
     jerk: float | Sequence[float | None] | None = None,
+    port: Port | None = None,
     **changes: Any,
 ) -> Scenario:
-    """A scenario with other limits of the joints, and other fields; see load_scenario().
+    """A scenario with other limits of the joints, incision and fields; see load_scenario().
 
     Raises:
         UnknownName: there is no such field.
@@ -104,10 +109,10 @@ def changed(
     scenario = dataclasses.replace(scenario, **changes)
     given: dict[str, Any] = {"acceleration": acceleration, "jerk": jerk}
     given = {limit: value for limit, value in given.items() if value is not None}
-    if not given:
-        return scenario
-    limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
-    return dataclasses.replace(scenario, limits=limits)
+    if given:
+        limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
+        scenario = dataclasses.replace(scenario, limits=limits)
+    return scenario if port is None else at_port(scenario, port)
 
 
 def scenario_module(name: str) -> ModuleType:

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import json
 import math
+import os
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -39,7 +40,7 @@ from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Camera, Instrument, Trocar
-from rcmqp.world.loading import arm_names, load_arm
+from rcmqp.world.loading import arm_names, load_arm, names_its_flange
 from rcmqp.world.motions import MOTIONS, Motion, Still
 from rcmqp.world.obstacles import Sphere
 from rcmqp.world.plugins import Registry
@@ -115,7 +116,7 @@ class Scenario:
 
     Attributes:
         name: what it is called.
-        arm: a name that load_arm() knows, or the path of a URDF.
+        arm: a name that load_arm() knows, or the path of an arm's file or of a URDF.
         angles_start: (nv,) joint angles at the start [rad].
         instrument: the endoscope.
         trocar: the incision.
@@ -228,14 +229,24 @@ class Scenario:
 
         Args:
             name: what to call it.
-            insertion: its arm was loaded by name, or from a URDF; limits set by hand are kept.
+            insertion: its arm was loaded by name, or from a file; limits set by hand are kept.
             path: the views asked for.
             fields: any other field of Scenario.
+
+        Raises:
+            OptionError: the arm holds joints that load_arm() was told to hold.
         """
         arm = insertion.arm
+        if arm.source is not None and arm.source.locked:
+            joint, angle = next(iter(arm.source.locked.items()))
+            raise OptionError(
+                f"{arm.name} holds {joint} at {angle:g} by load_arm(locked=...), which a scenario "
+                "does not keep; write an arm's file, my_robot.toml, with the joint in [locked], "
+                "and load that"
+            )
         given = {
-            "arm": arm.name,
-            "flange": None if arm.name in arm_names() else arm.flange,
+            "arm": arm.name if arm.name in arm_names() else os.path.abspath(arm.name),
+            "flange": None if names_its_flange(arm.name) else arm.flange,
             "angles_start": tuple(insertion.angles_start),
             "instrument": insertion.instrument,
             "trocar": insertion.trocar,

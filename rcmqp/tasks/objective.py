@@ -31,7 +31,8 @@ class ObjectiveTask(CompiledTask):
     bound, as 1 / |J_c|. The ascent's speed goes to zero with the gradient.
 
     made_for() takes the objective of the paper's controller: singularity_product on arms of
-    that kind, manipulability on others; or one of OBJECTIVES by its name.
+    that kind, manipulability on others, and joint_centring where there are fewer than six joints,
+    whose manipulability is always zero; or one of OBJECTIVES by its name.
 
     Attributes:
         objective: c and its gradient J_c.
@@ -64,6 +65,7 @@ class ObjectiveTask(CompiledTask):
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
         """The arm's own objective, unless another, or the name of one, is given."""
         own = "manipulability" if insertion.arm.srs_offsets is None else "singularity_product"
+        own = own if insertion.arm.nv >= 6 else "joint_centring"
         objective = options.pop("objective", own)
         if isinstance(objective, str):
             objective = make_objective(objective, insertion.arm)

@@ -114,10 +114,24 @@ class JointCentring(CompiledObjective):
         return Block("joint_centring", middle=self._middle, half_range=self._half)
 
 
+def _of_six(objective: Objective, arm: Arm) -> Objective:
+    """An objective that is always zero on an arm of fewer joints than six.
+
+    Raises:
+        OptionError: this is such an arm.
+    """
+    if arm.nv < 6:
+        raise OptionError(
+            f"{arm.name} has {arm.nv} joints, and of fewer than six no singular value says "
+            "anything; use objective=joint_centring"
+        )
+    return objective
+
+
 OBJECTIVES: dict[str, Callable[[Arm], Objective]] = {
     "singularity_product": SingularityProduct,
-    "manipulability": lambda arm: Manipulability(),
-    "least_singular_value": lambda arm: LeastSingularValue(),
+    "manipulability": lambda arm: _of_six(Manipulability(), arm),
+    "least_singular_value": lambda arm: _of_six(LeastSingularValue(), arm),
     "joint_centring": JointCentring,
 }
 

@@ -18,9 +18,11 @@ from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.options import options, refused, rule, whole
 from rcmqp.references.operators import Learning, Operator, camera_trial, operator_of_study
 from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import names_its_flange
+from rcmqp.world.port import Port
 
 PAPERS_PERIOD = 8e-3
 """Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
@@ -114,6 +116,7 @@ class Trial:
         flange: with a URDF, the frame that carries the instrument.
         limits: of the joints, in place of the arm's own; None for those.
         learning: of the novices; None for the scenario's, as a rule none.
+        port: where the incision is; None for the scenario's.
     """
 
     scenario: str
@@ -124,6 +127,7 @@ class Trial:
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
+    port: Port | None = None
 
     @property
     def stem(self) -> str:
@@ -137,9 +141,11 @@ class Trial:
         Raises:
             OptionError: nobody steers in this scenario, or somebody of its own.
         """
-        flange = None if self.arm in ("", *arm_names()) else self.flange
+        flange = self.flange if self.arm and not names_its_flange(self.arm) else None
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
-        base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
+        base = _base(
+            self.scenario, self.arm, flange, self.law.period, self.limits, self.port, files
+        )
         given = camera_trial(base.path, self.scenario)
         if given.operator != Operator():
             raise OptionError(
@@ -178,6 +184,7 @@ class Study:
         limits: of the joints, in place of every arm's own; None for those.
         learning: of the novices, practice before the trial and learning in it; None for people
             who do not learn.
+        port: where the incision is; None for the scenario's.
     """
 
     scenario: str = "camera_task"
@@ -188,17 +195,29 @@ class Study:
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
+    port: Port | None = None
 
     def __post_init__(self) -> None:
         """Check the flange and the seed."""
-        if self.flange is not None and not set(self.arms).difference(("", *arm_names())):
+        urdfs = [arm for arm in self.arms if arm and not names_its_flange(arm)]
+        if self.flange is not None and not urdfs:
             raise OptionError(f"flange = {self.flange} is for a URDF, and none of the arms is one")
         operator_of_study(0, self.seed)
 
     def trials(self) -> list[Trial]:
         """Every trial; all of a person's one after the other."""
         return [
-            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits, self.learning)
+            Trial(
+                self.scenario,
+                i,
+                self.seed,
+                arm,
+                law,
+                self.flange,
+                self.limits,
+                self.learning,
+                self.port,
+            )
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
 
@@ -210,14 +229,15 @@ def _base(
     flange: str | None,
     period: float,
     limits: ArmLimits | None,
+    port: Port | None,
     files: tuple[Stamp, ...],
 ) -> Scenario:
     """The scenario without anybody in it; ``files`` is for the cache alone."""
     base = load_scenario(scenario, arm or None, flange=flange, period=period)
-    if limits is None:
-        return base
-    given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
-    return dataclasses.replace(base, limits=given)
+    if limits is not None:
+        given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
+        base = dataclasses.replace(base, limits=given)
+    return base if port is None else at_port(base, port)
 
 
 def _stamp(name: str) -> Stamp:

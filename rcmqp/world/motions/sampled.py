@@ -14,6 +14,9 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import options, rule
 from rcmqp.world.instrument import Vector3, vector3
 
+LATE = 1e5
+"""First time that is taken for a clock of the recording's own [s]: a day and more."""
+
 
 def sample_times(name: str, values: Iterable[float]) -> tuple[float, ...]:
     """Times of samples as a tuple [s].
@@ -24,6 +27,11 @@ def sample_times(name: str, values: Iterable[float]) -> tuple[float, ...]:
     times = tuple(map(float, values))
     if len(times) < 2:
         raise OptionError(f"{len(times)} {name}; a motion needs two or more")
+    if times[0] > LATE:
+        raise OptionError(
+            f"{name}[0] = {times[0]:.12g} s; times count from the run's start, at 0 s: give "
+            "times - times[0] where the recording has a clock of its own"
+        )
     steps = np.diff(times)
     if not (np.isfinite(times).all() and times[0] >= 0.0 and (steps > 0.0).all()):
         wrong = int(np.argmin(steps > 0.0)) + 1
@@ -104,3 +112,14 @@ class Sampled:
         leaving = (np.array(self.positions[i + 1]) - here) / after
         slope: Array = (after * arriving + before * leaving) / (before + after)
         return slope
+
+
+def _times(given: object) -> tuple[float, ...]:
+    """Times as plain numbers."""
+    try:
+        times = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"times must be numbers in a row: {error}") from error
+    if times.ndim != 1:
+        raise OptionError(f"times has shape {times.shape}, it must be (n,); try times.ravel()")
+    return tuple(times.tolist())
