@@ -23,6 +23,7 @@ from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.tables import Row, as_csv, as_latex, as_markdown, columns_explained, row_of
+from rcmqp.world.loading import names_its_flange
 
 PAUSE = 1.0
 """Least time between two writings of unfinished tables [s]."""
