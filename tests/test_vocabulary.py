@@ -8,6 +8,7 @@ import runpy
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from rcmqp import load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import console
@@ -112,8 +113,9 @@ def slider(folder: Path) -> str:
 
 
 def test_prismatic_joints_are_in_metres(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(console, "out", Console(width=160, emoji=False))
     arm = load_arm(slider(tmp_path), "tool0")
     arm.name = "railed"  # short enough for the terminal
     assert arm.joint_units == ("m", *["rad"] * 6)
