@@ -24,10 +24,10 @@ def sample_times(name: str, values: Iterable[float]) -> tuple[float, ...]:
     Raises:
         OptionError: there are fewer than two, or they are not finite, from 0 on, and growing.
     """
-    times = tuple(map(float, values))
+    times = _times(values)
     if len(times) < 2:
         raise OptionError(f"{len(times)} {name}; a motion needs two or more")
-    if times[0] > LATE:
+    if times[0] < 0.0 or times[0] > LATE:
         raise OptionError(
             f"{name}[0] = {times[0]:.12g} s; times count from the run's start, at 0 s: give "
             "times - times[0] where the recording has a clock of its own"
