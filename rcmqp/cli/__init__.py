@@ -73,7 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _say_and_end(error, str(error))
     except SystemExit as end:
         if end.code in INTERRUPTED:
-            more = "; the same command goes on from here" if "study" in given[:1] else ""
+            more = (
+                "; the same command goes on from here"
+                if given[:1] in (["study"], ["compare"])
+                else ""
+            )
             err.print(f"interrupted{more}", highlight=False)
         raise
     except Exception as error:  # noqa: BLE001  (the last resort: no user sees a traceback)
