@@ -13,7 +13,7 @@ import typer
 from rich.markup import escape
 
 import rcmqp
-from rcmqp.cli import compare, hands, lists, loopback, report, reproduce, run, study, viewer
+from rcmqp.cli import compare, hands, lists, live, loopback, report, reproduce, run, study, viewer
 from rcmqp.cli.console import err, out
 from rcmqp.errors import RcmqpError
 from rcmqp.runs.printable import shortened
@@ -103,6 +103,7 @@ for command in (
     hands.hands,
     reproduce.reproduce,
     loopback.loopback,
+    live.live,
     viewer.view,
     viewer.snapshot,
     viewer.video,
