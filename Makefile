@@ -1,6 +1,10 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
+# make docs: the site, into docs/_build/html, and a check of its links and names.
+# make gallery: the pictures of examples/, for the site.
 # make tables: the tables of README.md and docs/, each by the command in front of it; some minutes.
 # make lint, make types: Python and the viewer's JavaScript; they need npm for the latter.
+# make test-fast: the tests that need no browser, study or long run; about a minute on two cores.
+# make sanitize: the kernel's tests under the address and undefined-behaviour sanitizers; gcc, Linux.
 # make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,8 +13,10 @@ INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
 NODE := node_modules/.package-lock.json
+KERNEL_TESTS := tests/test_compiled.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py
+DOCS := $(VENV)/.docs
 
-.PHONY: demo pictures tables test franka lint types check clean
+.PHONY: demo docs pictures gallery tables test test-fast sanitize franka lint types check clean
 
 demo: $(INSTALLED)
 	$(BIN)/rcmqp reproduce --out results
@@ -19,14 +25,35 @@ pictures: demo
 	cp results/fig3_errors.png results/fig2_trajectories.png results/helix_lwa3.png results/helix_meka_a2.png docs
 	$(BIN)/rcmqp snapshot results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --time 12 --out docs/viewer.png
 
+docs: $(DOCS)
+	rm -rf docs/_build
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
+	$(BIN)/python docs/check.py docs/_build/html
+
+gallery: $(INSTALLED)
+	$(BIN)/python examples docs/gallery
+	rm -f docs/gallery/*.pdf
+
 tables: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/doc_tables.py
+	$(BIN)/python benchmarks/measures_page.py
 
 test: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
+test-fast: $(INSTALLED)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+
 franka: $(FRANKA)
 	OMP_NUM_THREADS=1 timeout 900 $(BIN)/python -m pytest tests/franka
+
+sanitize: $(INSTALLED)
+	rm -rf build $(VENV)/sanitized
+	CFLAGS="-fsanitize=address,undefined -fno-sanitize-recover=undefined -g" \
+		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/sanitized .
+	rm -rf build  # its objects are not for others
+	PYTHONPATH=$(VENV)/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
+		ASAN_OPTIONS=detect_leaks=0 OMP_NUM_THREADS=1 $(BIN)/pytest $(KERNEL_TESTS)
 
 lint: $(INSTALLED) $(NODE)
 	$(BIN)/ruff check .
@@ -50,10 +77,14 @@ $(NODE): package.json package-lock.json
 	npm ci --ignore-scripts --no-audit --no-fund
 	touch $@
 
+$(DOCS): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
+
 $(FRANKA): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pylibfranka==0.21.3' || \
 		{ echo "make franka needs Franka's client, pylibfranka, from PyPI; make test does without" >&2; exit 1; }
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-franka node_modules build dist *.egg-info results
+	rm -rf $(VENV) .venv-franka node_modules build dist *.egg-info results docs/_build docs/generated

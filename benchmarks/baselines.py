@@ -26,6 +26,7 @@ from rcmqp import (
     simulate,
 )
 from rcmqp.references.paths import ViewMoves, ViewSteps
+from rcmqp.show.table import Table
 
 LAWS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("pose_error", {}),
@@ -144,9 +145,8 @@ def _cell(value: float) -> str:
 
 
 def _table(names: Iterable[str], heads: Iterable[str], rows: Iterable[list[str]]) -> str:
-    names, heads = list(names), list(heads)
-    rule = ["---"] * len(names) + ["---:"] * len(heads)
-    return "".join(f"| {' | '.join(line)} |\n" for line in ([*names, *heads], rule, *rows))
+    names = list(names)
+    return Table([*names, *heads], list(rows), words=len(names)).markdown()
 
 
 if __name__ == "__main__":

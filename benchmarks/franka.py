@@ -23,6 +23,8 @@ from demands import everything
 from fci import HOME, Account, Fci, fr3
 from simulator import simulator
 
+from rcmqp.show.table import Table
+
 CYCLES, STOPS = 5000, 10
 """Of a motion."""
 
@@ -46,12 +48,12 @@ def main() -> None:
             print(f"motion {seed + 1}: {account}", file=sys.stderr, flush=True)
         for line in sorted(set(running.complaints())):
             print(line, file=sys.stderr)
-    print("| | |\n| --- | ---: |")
-    print(f"| motions, seconds | {given.motions}, {time.monotonic() - began:.0f} |")
+    rows = [["motions, seconds", f"{given.motions}, {time.monotonic() - began:.0f}"]]
     for name, value in dataclasses.asdict(total).items():
-        print(f"| {name} | {len(value) if name == 'reflexes' else f'{value:.6g}'} |")
+        rows.append([name, str(len(value)) if name == "reflexes" else f"{value:.6g}"])
     for reflex, times in Counter(total.reflexes).items():
-        print(f"| {reflex.partition('reflex! ')[2]} | {times} |")
+        rows.append([reflex.partition("reflex! ")[2], str(times)])
+    print(Table(["", ""], rows).markdown(), end="")
     sys.exit(bool(total.reflexes))
 
 

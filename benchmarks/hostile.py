@@ -19,6 +19,7 @@ import numpy as np
 from rcmqp import Controller, Insertion, Reference, load_scenario, make_controller
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.qp.hierarchy import hierarchy_backends
+from rcmqp.show.table import Table
 from rcmqp.world.arm import ArmState
 
 ABSURD = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, -1e200, 1e50, -1e12, 1e6, 1e-200, 0.0)
@@ -111,19 +112,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--steps", type=int, default=1000, help="of each controller on each arm")
     given = parser.parse_args()
-    print("| controller | arm | steps | raised | not finite | beyond | stops | longest [us] |")
-    print("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |")
+    rows = []
     for name, options in settings():
         for arm in ARMS:
             scenario = load_scenario("conical_helix", arm)
             made = make_controller(name, scenario.insertion(), scenario.period, **options)
-            row = hostile(made, given.steps, seed=ARMS.index(arm))
+            found = hostile(made, given.steps, seed=ARMS.index(arm))
             shown = " ".join([name, *options.values()])
-            print(
-                f"| {shown} | {arm} | {row.steps} | {row.raised} | {row.not_finite} | "
-                f"{row.beyond} | {row.stops} | {row.longest:.0f} |",
-                flush=True,
-            )
+            counts = (found.steps, found.raised, found.not_finite, found.beyond, found.stops)
+            rows.append([shown, arm, *counts, f"{found.longest:.0f}"])
+    heads = ["controller", "arm", "steps", "raised", "not finite", "beyond", "stops"]
+    print(Table([*heads, "longest [us]"], rows, words=2).markdown(), end="")
 
 
 if __name__ == "__main__":

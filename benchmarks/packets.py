@@ -22,6 +22,7 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.loopback import account_of, arm_process, port_of
 from rcmqp.realtime.packets import TAG, Packets, new_key
 from rcmqp.realtime.simulated_arm import HOST, Account, insertion_of
+from rcmqp.show.table import Table
 
 PERIOD = 1e-3
 
@@ -199,9 +200,8 @@ def main() -> None:
     given = parser.parse_args()
     begin = time.monotonic()
     found = attack(given.packets)
-    print("| packets | sent | dropped |\n| --- | ---: | ---: |")
-    for kind, dropped in found.dropped.items():
-        print(f"| {kind} | {found.sent[kind]} | {dropped} |")
+    rows = [[kind, found.sent[kind], dropped] for kind, dropped in found.dropped.items()]
+    print(Table(["packets", "sent", "dropped"], rows).markdown(), end="")
     account = found.account
     taken = account.received - account.disordered
     print(f"\nmoved: {found.moved:g}; obeys its controller before and after: {found.obeyed}")

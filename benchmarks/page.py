@@ -17,6 +17,7 @@ from typing import Any
 
 from rcmqp import load_scenario, make_controller, simulate
 from rcmqp.references.paths import ConicalHelix
+from rcmqp.show.table import Table
 from rcmqp.show.viewer import write_page
 from rcmqp.show.viewer.browser import browser, open_page
 
@@ -57,7 +58,7 @@ def main() -> None:
     given = parser.parse_args()
     print(f"{given.times} openings, least and median; {os.cpu_count()} cores, ", end="")
     print(f"load before {os.getloadavg()[0]:.1f}\n")
-    print(f"| {' | '.join(HEADS)} |\n| --- {'| ---: ' * (len(HEADS) - 1)}|")
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         for arm in given.arms:
             file = minute_page(arm, Path(folder))
@@ -70,7 +71,8 @@ def main() -> None:
                 f"{statistics.median(each[name] for each in seen):.0f}"
                 for name in ("playing", "idle")
             ]
-            print(f"| {' | '.join([arm, f'{file.stat().st_size / 1e6:.2f}', *times, *rates])} |")
+            rows.append([arm, f"{file.stat().st_size / 1e6:.2f}", *times, *rates])
+    print(Table(HEADS, rows).markdown(), end="")
 
 
 if __name__ == "__main__":

@@ -42,6 +42,7 @@ from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import ViewMoves
 from rcmqp.runs.behaviour import SETTLED
+from rcmqp.show.table import Table
 
 View = tuple[float, float, float, float]
 
@@ -189,15 +190,14 @@ COLUMNS: dict[str, Callable[[Sequence[Result]], float]] = {
 def table(heads: Sequence[str], rows: Iterable[tuple[Sequence[str], Sequence[Result]]]) -> str:
     """Markdown: a line for each name and its results; runs that failed are counted only."""
     titles = [*heads, "runs", *COLUMNS]
-    lines = [f"| {' | '.join(titles)} |"]
-    lines += [f"| {' | '.join(['---'] * len(heads) + ['---:'] * (len(COLUMNS) + 1))} |"]
+    lines = []
     for names, results in rows:
         made = [result for result in results if result]
         failed = f", {len(results) - len(made)} failed" if len(made) < len(results) else ""
         cells = [*names, f"{len(made)}{failed}"]
         cells += [_cell(column(made)) if made else "" for column in COLUMNS.values()]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        lines.append(cells)
+    return Table(titles, lines, words=len(heads)).markdown()
 
 
 def _cell(value: float) -> str:
@@ -225,10 +225,9 @@ def main() -> None:
     parser.add_argument("--no-scenarios", action="store_true", help="held views only")
     asked = parser.parse_args()
     parallel = Parallel(n_jobs=asked.jobs, return_as="generator", batch_size=1)
-    line = "| controller | feed-forward | joint limits enforced | drawn options | backend |"
-    print(f"{line}\n| --- | --- | --- | --- | --- |")
-    for name in asked.controllers:
-        print(f"| {' | '.join(given(name, asked.backend))} |")
+    heads = ["controller", "feed-forward", "joint limits enforced", "drawn options", "backend"]
+    rows = [given(name, asked.backend) for name in asked.controllers]
+    print(Table(heads, rows, words=len(heads)).markdown(), end="")
 
     def held(views: Sequence[Held]) -> list[tuple[Held, str]]:
         return [(one, name) for name in asked.controllers for one in views]

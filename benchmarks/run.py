@@ -41,7 +41,7 @@ def main(
         report = Report.load(show)
     if save is not None:
         report.save(save)
-    typer.echo("\n\n".join([about(report), table(report, earlier, cases), promises(report)]))
+    typer.echo("\n".join([f"{about(report)}\n", table(report, earlier, cases), promises(report)]))
     if plot is not None:
         from plots import draw  # matplotlib takes long to import
 

@@ -31,6 +31,7 @@ from joblib import Parallel, delayed
 from rcmqp import Arm, Insertion, Instrument, arm_names, load_arm
 from rcmqp.controllers.braking import braking, nearest
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.show.table import Table
 from rcmqp.world.arm import ArmState
 
 PERIODS = (0.001, 0.002, 0.004, 0.008)
@@ -252,11 +253,9 @@ def main() -> None:
     names = [name for name in arm_names() for _ in range(0, each, size)]
     for name, stops in zip(names, chunks, strict=True):
         found[name] += stops
-    print(f"| {' | '.join(HEADS)} |\n| {' | '.join(['---'] + ['---:'] * (len(HEADS) - 1))} |")
-    for name, stops in found.items():
-        print(f"| {' | '.join([name, *cells(stops)])} |")
     everything = [one for stops in found.values() for one in stops]
-    print(f"| {' | '.join(['all', *cells(everything)])} |")
+    rows = [[name, *cells(stops)] for name, stops in [*found.items(), ("all", everything)]]
+    print(Table(HEADS, rows).markdown(), end="")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from rcmqp.controllers import Controller
 from rcmqp.experiments.compare import cases, compare
 from rcmqp.references.view import Reference
 from rcmqp.runs.simulate import record
+from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names
 
 LAWS = ("dual_quaternion", "hierarchical_qp")
@@ -38,7 +39,7 @@ def processor_time(work: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def added(scenario: rcmqp.Scenario, law: str, rounds: int) -> str:
+def added(scenario: rcmqp.Scenario, law: str, rounds: int) -> list[str]:
     """A row: microseconds a step, the least of several rounds in turns."""
     controller = rcmqp.make_controller(law, scenario.insertion(), scenario.period)
     references = list(scenario.references(controller.insertion))
@@ -53,21 +54,21 @@ def added(scenario: rcmqp.Scenario, law: str, rounds: int) -> str:
     alone, memory, streamed = (
         1e6 * min(column) / len(references) for column in zip(*times, strict=True)
     )
-    return f"| {law} | {alone:.1f} | {memory - alone:.1f} | {streamed - alone:.1f} |"
+    return [law, f"{alone:.1f}", f"{memory - alone:.1f}", f"{streamed - alone:.1f}"]
 
 
-def jobs(duration: float, rounds: int) -> str:
+def jobs(duration: float, rounds: int) -> list[str]:
     """A row: seconds on the clock of 16 runs in one process and in two, the least of several."""
     todo = cases(["conical_helix"], arm_names(), LAWS, {"duration": duration})
     times: dict[int, list[float]] = {1: [], 2: []}
-    with tempfile.TemporaryDirectory() as folder:
-        for _ in range(rounds):
-            for count, found in times.items():
+    for _ in range(rounds):
+        for count, found in times.items():
+            with tempfile.TemporaryDirectory() as folder:  # a comparison goes on in its folder
                 start = time.perf_counter()
                 compare(todo, folder, jobs=count)
                 found.append(time.perf_counter() - start)
     one, two = min(times[1]), min(times[2])
-    return f"| {one:.1f} | {two:.1f} | {one / two:.2f} |"
+    return [f"{one:.1f}", f"{two:.1f}", f"{one / two:.2f}"]
 
 
 def main() -> None:
@@ -78,14 +79,13 @@ def main() -> None:
     parser.add_argument("--jobs", action="store_true", help="time a comparison instead")
     asked = parser.parse_args()
     if asked.jobs:
-        print("| 1 job [s] | 2 jobs [s] | ratio |\n| ---: | ---: | ---: |")
-        print(jobs(asked.duration, asked.rounds))
+        rows = [jobs(asked.duration, asked.rounds)]
+        print(Table(["1 job [s]", "2 jobs [s]", "ratio"], rows, words=0).markdown(), end="")
         return
     scenario = rcmqp.load_scenario("conical_helix", duration=asked.duration)
-    print("| controller | control [us] | simulate adds [us] | to a file [us] |")
-    print("| --- | ---: | ---: | ---: |")
-    for law in LAWS:
-        print(added(scenario, law, asked.rounds))
+    heads = ["controller", "control [us]", "simulate adds [us]", "to a file [us]"]
+    rows = [added(scenario, law, asked.rounds) for law in LAWS]
+    print(Table(heads, rows).markdown(), end="")
 
 
 if __name__ == "__main__":

@@ -25,6 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from arm_states import ARMS, LEVELS, Verdict, verdict
 
+from rcmqp.show.table import Table
+
 
 def main() -> None:
     """Print a Markdown table, one line an arm; exit code 1 if a bound is not kept."""
@@ -43,11 +45,9 @@ def main() -> None:
         found[arm] += verdicts
     heads = ["arm", "states", "at a bound", "RCM reached", "joints", *LEVELS]
     heads += ["RCM alone", "undecided", "KKT", "failures"]
-    print(f"| {' | '.join(heads)} |\n| {' | '.join(['---'] + ['---:'] * (len(heads) - 1))} |")
-    for arm, verdicts in found.items():
-        print(f"| {' | '.join([arm, *cells(verdicts)])} |")
     everything = [each for verdicts in found.values() for each in verdicts]
-    print(f"| {' | '.join(['all', *cells(everything)])} |")
+    rows = [[arm, *cells(verdicts)] for arm, verdicts in [*found.items(), ("all", everything)]]
+    print(Table(heads, rows).markdown(), end="")
     print(f"\n{time.perf_counter() - start:.0f} s; differences and proofs in m/s and rad/s")
     sys.exit(not all(map(kept, everything)))
 

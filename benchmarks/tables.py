@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from results import Report, Result
+
+from rcmqp.show.table import Table
 
 TASKS = {"rcm": "RCM, tip and posture", "pose": "whole pose"}
 
@@ -78,7 +79,7 @@ def table(report: Report, earlier: Report | None = None, pattern: str = "") -> s
         for result in report.results
         if result.task not in TASKS
     ]
-    return markdown(heads, lines)
+    return Table(heads, lines, words=3).markdown()
 
 
 def promises(report: Report) -> str:
@@ -106,7 +107,8 @@ def promises(report: Report) -> str:
             spread = found[name].p99_us / found[name].median_us
             kept = "yes" if spread <= MOST_P99 else "no"
             lines.append([f"{name}: p99 / median", f"{spread:.2f}", "", f"{MOST_P99:g}", kept])
-    return markdown(["ratio", "found", "5 % to 95 % of blocks", "at most", "kept"], lines)
+    heads = ["ratio", "found", "5 % to 95 % of blocks", "at most", "kept"]
+    return Table(heads, lines, words=3).markdown()
 
 
 def ratio(ours: Result, other: Result) -> list[float]:
@@ -122,13 +124,6 @@ def about(report: Report) -> str:
     for package, versions in packages.items():
         lines.append(f"{package}: " + ", ".join(" ".join(item) for item in versions.items()))
     return "\n".join(f"- {line}" for line in lines)
-
-
-def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A Markdown table; short lines are filled up."""
-    rule = ["---"] * 3 + ["---:"] * (len(heads) - 3)
-    full = [[*line, *[""] * (len(heads) - len(line))] for line in lines]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, rule, *full))
 
 
 def _numbers(result: Result) -> list[str]:

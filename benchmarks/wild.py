@@ -14,6 +14,7 @@ import numpy as np
 
 from rcmqp import arm_names, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.references.paths import ViewMoves
+from rcmqp.show.table import Table
 
 LOW, HIGH = (-0.6, -0.6, -3.0, -0.05), (0.6, 0.6, 3.0, 0.08)
 """Of alpha, beta, gamma [rad] and t_z [m]."""
@@ -37,10 +38,11 @@ def main() -> None:
     parser.add_argument("--backend", default="active_set")
     given = parser.parse_args()
     rng = np.random.default_rng(11)
-    print("| arm | runs | RCM max [mm], median | largest |\n| --- | ---: | ---: | ---: |")
+    rows = []
     for arm in arm_names():
         found = [rcm_error(arm, rng, given.backend) for _ in range(given.runs)]
-        print(f"| {arm} | {given.runs} | {np.median(found):.2g} | {max(found):.2g} |", flush=True)
+        rows.append([arm, given.runs, f"{np.median(found):.2g}", f"{max(found):.2g}"])
+    print(Table(["arm", "runs", "RCM max [mm], median", "largest"], rows).markdown(), end="")
 
 
 if __name__ == "__main__":

@@ -1,46 +1,106 @@
 """RCM control of serial arms: the trocar as a task, on Pinocchio."""
 
-from rcmqp.controllers import Command, Controller, make_controller
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from rcmqp.controllers import (
+    CONTROLLERS,
+    Command,
+    Controller,
+    DualQuaternion,
+    HierarchicalQP,
+    make_controller,
+)
 from rcmqp.errors import RcmqpError
-from rcmqp.references.view import Reference, ViewCommand, view_pose
+from rcmqp.limits import Constraint, JointLimits, Limit
+from rcmqp.references.hand import DeviceState, HandMapping, HandView
+from rcmqp.references.paths import Circle, HandTrace, ViewMoves
+from rcmqp.references.planner import Planner
+from rcmqp.references.view import Reference, Stamped, ViewCommand, view_pose
 from rcmqp.runs.loading import load_scenario, scenario_names
 from rcmqp.runs.metrics import Metrics, compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import record, simulate
+from rcmqp.tasks import RcmTask, Residual, Task, TipTask
 from rcmqp.world.arm import Arm, ArmState
-from rcmqp.world.insertion import Insertion
+from rcmqp.world.insertion import Insertion, insertion_depth, rcm_error
 from rcmqp.world.instrument import Camera, Instrument, Trocar
 from rcmqp.world.loading import arm_names, load_arm
 from rcmqp.world.start import find_start
 
+if TYPE_CHECKING:
+    from rcmqp.experiments.study.perform import perform
+    from rcmqp.experiments.study.plan import Law, Study
+    from rcmqp.realtime.run import run_realtime
+
 __version__ = "0.1.0"
 
+_LATER = {
+    "Law": "rcmqp.experiments.study.plan",
+    "Study": "rcmqp.experiments.study.plan",
+    "perform": "rcmqp.experiments.study.perform",
+    "run_realtime": "rcmqp.realtime.run",
+}
+"""Names whose modules take long to import, and are imported when these are used."""
+
 __all__ = [
+    "CONTROLLERS",
     "Arm",
     "ArmState",
     "Camera",
+    "Circle",
     "Command",
+    "Constraint",
     "Controller",
+    "DeviceState",
+    "DualQuaternion",
+    "HandMapping",
+    "HandTrace",
+    "HandView",
+    "HierarchicalQP",
     "Insertion",
     "Instrument",
+    "JointLimits",
+    "Law",
+    "Limit",
     "Metrics",
+    "Planner",
+    "RcmTask",
     "RcmqpError",
     "Reference",
+    "Residual",
     "Run",
     "RunFile",
     "Scenario",
+    "Stamped",
+    "Study",
+    "Task",
+    "TipTask",
     "Trocar",
     "ViewCommand",
+    "ViewMoves",
     "arm_names",
     "compute_metrics",
     "find_start",
+    "insertion_depth",
     "load_arm",
     "load_scenario",
     "make_controller",
+    "perform",
+    "rcm_error",
     "record",
+    "run_realtime",
     "scenario_names",
     "simulate",
     "view_pose",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'rcmqp' has no attribute {name!r}")
+    return getattr(importlib.import_module(_LATER[name]), name)

@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,23 +9,76 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Backend = Callable[[int, Array, Array, Array, Array, Array], Array]
 
-RCM: int
-TIP: int
-ROLL: int
-POSE: int
-POSTURE: int
-SRS_PRODUCT: int
-MANIPULABILITY: int
-JOINTS: int
-TROCAR_CONE: int
-TROCAR_DEPTH: int
-KEEP_OUT: int
 HELIX: int
 CIRCLE: int
 LISSAJOUS: int
-TASK_NUMBERS: int
-LIMIT_NUMBERS: int
-JOINT_NUMBERS: int
+
+class Block:
+    @property
+    def joints(self) -> int: ...
+    def __new__(cls, kind: str, /, **options: object) -> Self: ...
+    def rows(
+        self,
+        x: ArrayLike,
+        J_local: ArrayLike,
+        angles: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        x_d: ArrayLike,
+        x_d_dot: ArrayLike,
+        pivot: ArrayLike,
+        pivot_dot: ArrayLike,
+        /,
+    ) -> tuple[Array, ...]: ...
+    def interval(
+        self, angles: ArrayLike, v: ArrayLike, a: ArrayLike, /
+    ) -> tuple[Array, Array]: ...
+    def value(self, J_local: Array, angles: Array, /) -> tuple[float, Array]: ...
+
+class Stack:
+    def __new__(
+        cls,
+        *,
+        levels: tuple[tuple[float, tuple[tuple[Block | None, float, float], ...]], ...],
+        limits: tuple[Block | None, ...],
+        acceleration: Array,
+        jerk: Array,
+        share: float,
+        period: float,
+        guarded: int,
+        max_rounds: int,
+        names: tuple[str, ...],
+    ) -> Self: ...
+    def step(
+        self,
+        x: Array,
+        J_local: Array,
+        angles: Array,
+        v: Array,
+        a: Array,
+        x_d: Array,
+        x_d_dot: Array,
+        pivot: Array,
+        pivot_dot: Array,
+        given: list[tuple[Array, ...]],
+        backend: Backend | None,
+        /,
+    ) -> tuple[Array, Array, dict[str, float], Ints, int] | None: ...
+    def problem(
+        self,
+        x: Array,
+        J_local: Array,
+        angles: Array,
+        v: Array,
+        a: Array,
+        x_d: Array,
+        x_d_dot: Array,
+        pivot: Array,
+        pivot_dot: Array,
+        given: list[tuple[Array, ...]],
+        /,
+    ) -> tuple[Array, Array, Ints, Array, Array, Array, Array] | None: ...
+    def reset(self) -> None: ...
 
 def solve(
     A: Array,
@@ -42,47 +95,6 @@ def solve(
     guess: Array,
     backend: Backend | None,
     /,
-) -> tuple[Array, Array]: ...
-def step(
-    tasks: Array,
-    vectors: Array,
-    ends: Ints,
-    damping: Array,
-    limits: Array,
-    joints: Array,
-    braking: Array,
-    guarded: int,
-    max_rounds: int,
-    x: Array,
-    J_local: Array,
-    angles: Array,
-    v: Array,
-    a: Array,
-    x_d: Array,
-    x_d_dot: Array,
-    pivot: Array,
-    pivot_dot: Array,
-    guess: Array,
-    backend: Backend | None,
-    names: tuple[str, ...],
-    /,
-) -> tuple[Array, Array, dict[str, float]]: ...
-def approached(
-    above: Array,
-    A: Array,
-    e: Array,
-    carried: Array,
-    gain: float,
-    damping: float,
-    v: Array,
-    a: Array,
-    acceleration: Array,
-    jerk: Array,
-    braking: Array,
-    /,
-) -> Array: ...
-def joint_bounds(
-    line: Array, joints: Array, angles: Array, v: Array, a: Array, /
 ) -> tuple[Array, Array]: ...
 def usable(
     J_local: Array,
@@ -106,15 +118,14 @@ def law(
     angles: Array,
     x_d: Array,
     x_d_dot: Array,
-    objective: tuple[int, *tuple[Array, ...]] | tuple[None, float, Array],
+    objective: Block | tuple[float, Array],
     numbers: Array,
     limits: Array,
     feed_forward: bool,
     limited: int,
     /,
 ) -> tuple[Array, float, float, float, float]: ...
-def singularity_product(angles: Array, offsets: Array, /) -> tuple[float, Array]: ...
-def manipulability_measure(J_local: Array, /) -> tuple[float, Array]: ...
+def paced(gain: float, deceleration: float, s: float, /) -> float: ...
 def least_singular_values(J: Array, /) -> Array: ...
 def from_xyzquat(placement: Array, /) -> Array: ...
 def carried(x: Array, offset: Array, /) -> Array: ...

@@ -39,8 +39,26 @@ class UnknownName(RcmqpError, LookupError):
         super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(self.known)})")
 
 
+class PluginError(RcmqpError):
+    """A name that another distribution adds by an entry point cannot be used.
+
+    Attributes:
+        group: of the entry point.
+        name: what it is called.
+        distribution: name and version of who adds it.
+    """
+
+    def __init__(self, group: str, name: str, distribution: str, reason: str) -> None:
+        self.group, self.name, self.distribution = group, name, distribution
+        super().__init__(f"{name!r} in {group}, of the distribution {distribution}: {reason}")
+
+
 class ArmError(RcmqpError):
     """An arm's model cannot be read, or is not a fixed-base serial arm."""
+
+
+class ArmWarning(UserWarning):
+    """An arm was loaded, and something about it looks wrong."""
 
 
 class FrameNotFound(ArmError):
@@ -82,13 +100,17 @@ class TrocarOffShaft(InsertionError):
         self.distance, self.tolerance = distance, tolerance
         super().__init__(
             f"the trocar is {1e3 * distance:.3f} mm off the shaft's axis at the start, allowed "
-            f"{1e3 * tolerance:.3f} mm; move the trocar or let find_start() choose the "
-            "configuration"
+            f"{1e3 * tolerance:.3f} mm; move the trocar, allow the distance by the tolerance, or "
+            "let find_start() choose the configuration"
         )
 
 
 class NoStartFound(InsertionError):
     """No configuration inside the limits puts the shaft through the wished trocar."""
+
+
+class CalibrationError(RcmqpError):
+    """Recorded poses do not show where a pivot is."""
 
 
 class InvalidCommand(RcmqpError, ValueError):

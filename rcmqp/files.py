@@ -1,4 +1,4 @@
-"""Files that are whole or not there, on shared folders too; folders; names; tables in Markdown."""
+"""Files that are whole or not there, on shared folders too; folders; names."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import itertools
 import os
 import platform
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -145,9 +145,3 @@ def _runs(process: int) -> bool:
     except OSError:
         return True  # another user's
     return True
-
-
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """A table whose first ``left`` columns, of names, are to the left, numbers to the right."""
-    rule = ["---"] * left + ["---:"] * (len(heads) - left)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))

@@ -11,7 +11,7 @@ from oracle import Problem, damped_levels, stack, unproved
 
 from rcmqp import ArmState, Insertion, Reference, load_scenario
 from rcmqp.controllers import HierarchicalQP
-from rcmqp.limits import JointLimits, combine
+from rcmqp.limits import JointLimits
 from rcmqp.maths.dualquaternion import P, from_se3, mul, quaternion_mul
 from rcmqp.qp import HierarchySolution
 
@@ -98,8 +98,7 @@ def verdict(arm: str, seed: int) -> Verdict:
     answer = controller.step(state, reference)
     account = answer.account
     assert isinstance(account, HierarchySolution)
-    limits = [JointLimits(insertion.arm, PERIOD, acceleration=bool(seed % 2))]
-    problem = Problem(controller._levels_at(state, reference), combine(limits, state, reference))
+    problem = Problem(*controller.problem(state, reference))
     levels, box = damped_levels(problem, guarded=1), problem.bounds
     reached = account.levels[0].reached
     alone = not reached and arm == "kinova"

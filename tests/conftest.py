@@ -2,11 +2,40 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import joblib
 import pytest
 
-from rcmqp import Arm, arm_names, load_arm
+from rcmqp import Arm, Insertion, Instrument, Run, Scenario, arm_names, load_arm, load_scenario
+
+if TYPE_CHECKING:
+    from opened import Opened
+
+
+SLOW = """
+approach at_rest baselines behaviour benchmarks cli compare contour damaged dampers
+doc_tables dual_quaternion_controller dual_quaternion_options experiment_a experiment_b
+governor hands hostile image_upright joint_limits learning loopback operator_hands
+operators package plugins promises qp_oracle readme report reproduce run_file safe_stop
+simulate stress study study_tables task_reconstruction untrusted vfi_qp viewer
+viewer_capture viewer_odd viewer_page viewer_picture viewer_shapes watchdog
+"""
+"""Files test_*.py that `make test-fast` leaves out: browsers, studies, many runs, processes."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is in the slow files."""
+    for item in items:
+        if item.path.stem.removeprefix("test_") in SLOW.split():
+            item.add_marker("slow")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say what was left out."""
+    if terminalreporter.config.option.markexpr == "not slow":
+        terminalreporter.section("left out, make test runs them")
+        terminalreporter.write_line(" ".join(SLOW.split()))
 
 
 @pytest.fixture(scope="session", params=arm_names())
@@ -19,6 +48,27 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 def lwa3() -> Arm:
     """A spherical-revolute-spherical arm whose numbers are known in closed form."""
     return load_arm("lwa3")
+
+
+@pytest.fixture(scope="session")
+def insertion() -> Insertion:
+    """The Panda at its home, the trocar where its shaft is."""
+    return Insertion.on_shaft(load_arm("panda"), Instrument())
+
+
+@pytest.fixture(scope="session")
+def helix() -> Scenario:
+    """The paper's helix on the LWA3."""
+    return load_scenario("conical_helix", "lwa3")
+
+
+@pytest.fixture(scope="module")
+def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    """The page of a test file's ``runs`` in a browser."""
+    from opened import opening  # matplotlib takes long to import
+
+    with opening(runs, tmp_path_factory.mktemp("page")) as page:
+        yield page
 
 
 @pytest.fixture

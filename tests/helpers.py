@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.resources
 import tomllib
 from collections.abc import Callable
@@ -9,11 +10,30 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from numpy.typing import ArrayLike
 
+from rcmqp import (
+    ArmState,
+    Insertion,
+    Run,
+    Scenario,
+    load_scenario,
+    make_controller,
+    scenario_names,
+    simulate,
+)
 from rcmqp.maths.dualquaternion import Array
 
 assert_allclose = np.testing.assert_allclose
+
+every_scenario = pytest.mark.parametrize("name", scenario_names())
+
+
+def ran(scenario: Scenario, controller: str = "dual_quaternion", **options: object) -> Run:
+    """The run of a scenario under a controller by name."""
+    made = make_controller(controller, scenario.insertion(), scenario.period, **options)
+    return simulate(scenario, made)
 
 
 def derivative(f: Callable[[float], ArrayLike], h: float = 1e-3) -> Array:
@@ -26,6 +46,27 @@ def derivative(f: Callable[[float], ArrayLike], h: float = 1e-3) -> Array:
         return np.asarray(np.subtract(f(step), f(-step)) / (2.0 * step))
 
     return (4.0 * central(h / 2) - central(h)) / 3.0
+
+
+@functools.cache
+def inserted(arm: str = "lwa3") -> Insertion:
+    """An arm as the paper's helix has it at the start."""
+    return load_scenario("conical_helix", arm).insertion()
+
+
+def near_start(insertion: Insertion, rng: np.random.Generator, spread: float = 0.2) -> ArmState:
+    """A state some 10 degrees from the start: no symmetry left, no singularity near."""
+    angles = insertion.angles_start + rng.uniform(-spread, spread, insertion.arm.nv)
+    return insertion.state(insertion.arm.configuration(angles))
+
+
+def nearer(x_d: Array, x: Array) -> Array:
+    """Of the two dual quaternions (8,) of a pose the one that is nearer to x (8,)."""
+    return x_d if x_d[:4] @ x[:4] >= 0.0 else -x_d
+
+
+def size(v: Array) -> float:
+    return float(np.linalg.norm(v))
 
 
 def random_placement(rng: np.random.Generator) -> pin.SE3:

@@ -5,39 +5,54 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rcmqp import _kernel
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.tasks.base import Approach
 
 T, GAIN, DAMPING = 1e-3, 60.0, 0.01
-NO_ROWS = np.zeros((0, 1))
+POSE, POINT, LEVER = np.eye(8)[0], np.zeros(3), 0.3
 
 
-def approach(v: float, a: float, acceleration: float, jerk: float, share: float = 0.8) -> Approach:
-    """Of one joint."""
-    limits = np.array([acceleration]), np.array([jerk])
-    return Approach(np.array([v]), np.array([a]), *limits, share, T, NO_ROWS)
+class Joint:
+    """One joint, which moves the error by LEVER, and a task on a level of its own."""
 
+    def __init__(self, acceleration: float, jerk: float, share: float = 0.8) -> None:
+        self._stack = _kernel.Stack(
+            levels=((DAMPING, ((None, GAIN, 1.0),)),),
+            limits=(),
+            acceleration=np.array([acceleration]),
+            jerk=np.array([jerk]),
+            share=share,
+            period=T,
+            guarded=0,
+            max_rounds=1,
+            names=tuple("abcde"),
+        )
 
-def rate(of: Approach, error: float) -> float:
-    rows = np.array([[0.3]])
-    return float(of.rate(rows, np.array([error]), np.zeros(1), GAIN, DAMPING)[0])
+    def rate(self, error: float, v: float = 0.0, a: float = 0.0) -> float:
+        """What rate of its error the task asks for."""
+        given = np.array([error]), np.array([[LEVER]]), np.zeros(1)
+        state = POSE, np.zeros((6, 1)), np.zeros(1), np.array([v]), np.array([a])
+        found = self._stack.problem(*state, POSE, np.zeros(8), POINT, POINT, [given])
+        assert found is not None
+        return float(found[1][0])
 
 
 @pytest.mark.parametrize("error", [1e-9, 1e-3, 0.1])
 def test_without_limits_or_without_a_share_an_error_is_reduced_in_proportion(error: float) -> None:
-    assert rate(approach(0.0, 0.0, np.inf, np.inf), error) == -GAIN * error
-    assert rate(approach(0.0, 0.0, 2.0, 40.0, share=0.0), error) == -GAIN * error
+    assert Joint(np.inf, np.inf).rate(error) == -GAIN * error
+    assert Joint(2.0, 40.0, share=0.0).rate(error) == -GAIN * error
 
 
 def settled(error: float, acceleration: float, jerk: float, share: float) -> Array:
     """Errors of one joint that does what is asked as well as its limits allow."""
     v, a, found = 0.0, 0.0, []
+    joint = Joint(acceleration, jerk, share)
     for _ in range(4000):
-        asked = rate(approach(v, a, acceleration, jerk, share), error) / 0.3
+        asked = joint.rate(error, v, a) / LEVER
         low, up = (max(-acceleration, a - jerk * T), min(acceleration, a + jerk * T))
         a = float(np.clip((asked - v) / T, low, up))
         v += T * a
-        error += 0.3 * T * v
+        error += LEVER * T * v
         found.append(error)
     return np.array(found)
 

@@ -29,7 +29,7 @@ from rcmqp.references.governor import Governor
 from rcmqp.references.operators import CameraTrial
 from rcmqp.references.paths import Foreign, ViewSteps
 from rcmqp.runs.behaviour import LEAST_REST, Behaviour, growth, standstill, streaks
-from rcmqp.runs.metrics import AFTER_THE_STOP
+from rcmqp.runs.vocabulary import AFTER_THE_STOP
 
 T = 0.05
 LIMIT = np.array([0.5, 4.0])

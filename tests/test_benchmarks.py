@@ -10,6 +10,7 @@ from pathlib import Path
 from rcmqp import arm_names
 
 SIMULATION = Path(__file__).parent.parent / "benchmarks" / "simulation.py"
+EXTENSIONS = Path(__file__).parent.parent / "benchmarks" / "extensions.py"
 SAFE_STOPS = Path(__file__).parent.parent / "benchmarks" / "safe_stops.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
 REST = Path(__file__).parent.parent / "benchmarks" / "rest.py"
@@ -72,6 +73,22 @@ def test_what_simulate_adds_is_a_row_for_each_law() -> None:
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
     assert [row[0] for row in rows] == ["dual_quaternion", "hierarchical_qp"]
     assert all(len(row) == 4 and float(row[1]) > 0.0 for row in rows)
+
+
+def test_extensions_has_a_line_for_each_task_and_limit_in_python() -> None:
+    done = subprocess.run(
+        [sys.executable, EXTENSIONS, "--cycles", "120"], capture_output=True, text=True, check=True
+    )
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
+    assert len(rows) == 10
+    assert all(len(row) == 7 and float(row[2].split()[0]) > 0.0 for row in rows)
+    in_python = {row[1] for row in rows if float(row[5].split()[0]) > 0.0}
+    assert in_python == {
+        "roll in Python",
+        "depth limit in Python",
+        "README's LevelCamera for roll",
+        "README's GentleInsertion",
+    }
 
 
 def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> None:

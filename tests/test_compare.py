@@ -22,7 +22,6 @@ from rcmqp.controllers.given import UNKNOWN
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.compare import Case, cases, compare
-from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
 from rcmqp.show.tables import TIMES, Row, as_markdown, row_of, tables
 
 CASES = cases(
@@ -80,6 +79,7 @@ def test_every_file_is_written_and_holds_the_rows(tmp_path: Path) -> None:
     assert names == {
         "comparison.csv",
         "comparison.md",
+        "comparison.tex",
         "conical_helix_ur5.png",
         "conical_helix_ur5.pdf",
         "conical_helix_ur5_dual_quaternion.h5",
@@ -406,31 +406,3 @@ def test_a_figure_that_cannot_be_written_is_said_from_any_process(tmp_path: Path
     (tmp_path / "conical_helix_ur5.png").mkdir()
     with pytest.raises(RunFileError, match=r"conical_helix_ur5\.png"):
         compare(CASES[:1], tmp_path, jobs=2)
-
-
-def test_smoother_movements_have_larger_measures() -> None:
-    t, T = np.arange(0.0, 2.0, 1e-3), 1e-3
-    s = t / 2.0
-    bell = 30.0 * s**2 * (1.0 - s) ** 2
-    shaken = bell * (1.0 + 0.2 * np.sin(2.0 * np.pi * 6.0 * t))
-    assert sparc(shaken, T) < sparc(bell, T) < -1.0
-    assert log_dimensionless_jerk(shaken, T) < log_dimensionless_jerk(bell, T)
-    assert_allclose(sparc(3.0 * bell, T), sparc(bell, T))  # of its shape, not its size
-    assert_allclose(log_dimensionless_jerk(3.0 * bell, T), log_dimensionless_jerk(bell, T))
-
-
-def test_the_jerk_of_a_parabola_is_known() -> None:
-    """v = s (1 - s), s in [0, 1]: v'' = -2, peak 1/4, so T^3 / peak^2 * 4 = 64."""
-    s = np.linspace(0.0, 1.0, 2001)
-    assert_allclose(log_dimensionless_jerk(s * (1.0 - s), s[1]), -math.log(64.0), rtol=1e-3)
-
-
-def test_no_movement_is_smooth() -> None:
-    assert sparc(np.zeros(50), 0.01) == log_dimensionless_jerk(np.zeros(50), 0.01) == 0.0
-
-
-@pytest.mark.parametrize("speed", [[], [1.0], [1.0, 2.0], [1.0, np.nan, 2.0, 1.0]])
-def test_smoothness_of_too_little_is_missing(speed: list[float]) -> None:
-    for measure in (sparc, log_dimensionless_jerk):
-        assert math.isnan(measure(np.array(speed), 0.01))
-        assert not math.isnan(measure(np.array([1.0, 2.0, 1.0]), 0.01))

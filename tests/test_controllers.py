@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import math
 from collections.abc import Callable, Iterable
@@ -11,7 +10,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import assert_allclose
+from helpers import assert_allclose, inserted
 
 from rcmqp import (
     Command,
@@ -35,11 +34,6 @@ PERIOD = 8e-3
 
 every_controller = pytest.mark.parametrize("name", list(CONTROLLERS))
 on_every_arm = pytest.mark.parametrize("arm_name", arm_names())
-
-
-@functools.cache
-def inserted(arm: str) -> Insertion:
-    return load_scenario("conical_helix", arm).insertion()
 
 
 def made(name: str, arm: str = "lwa3") -> Controller:

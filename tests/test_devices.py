@@ -120,7 +120,7 @@ def test_the_handle_stops_at_the_edge_of_its_workspace() -> None:
     [
         (lambda: Omega7(radius=0.0), "radius = 0.0 m, it must be positive"),
         (lambda: Omega7(resolution=math.inf), "resolution = inf"),
-        (lambda: Omega7(viscosity=41.0), "viscosity = 41.0 N s/m, the device renders 0 to 40"),
+        (lambda: Omega7(viscosity=41.0), "viscosity = 41.0 N s/m, it must be from 0 to 40"),
         (lambda: HandMapping(scale=0.0), "scale = 0.0, it must be positive"),
         (lambda: HandTrace((0.0, 1.0), (STILL, STILL), (True,)), "engaged: 1 for 2 samples"),
         (

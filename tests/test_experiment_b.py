@@ -110,7 +110,7 @@ def made_up(seed: int, people: int = 6) -> list[Outcome]:
         for i in range(people):
             error = (1.0 + i) * size * math.exp(0.1 * rng.normal())
             blank = Outcome(i, "novice", "lwa3", str(law), period)
-            errors: dict[str, Any] = {field: error for _, field, _, _ in MEASURES}
+            errors: dict[str, Any] = {field: error for field, _, _ in MEASURES}
             found.append(dataclasses.replace(blank, **errors))
     return found
 

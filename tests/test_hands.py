@@ -16,7 +16,8 @@ from scipy import signal
 
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
-from rcmqp.experiments.study.hands import ROWS, compare_hands, measure_hand, model_hand
+from rcmqp.experiments.study.hands import compare_hands, measure_hand, model_hand
+from rcmqp.experiments.study.vocabulary import HANDS
 from rcmqp.maths.smooth import step
 from rcmqp.references.operators import CameraTrial, Operator, operator_of_study
 from rcmqp.references.paths import HandTrace
@@ -147,7 +148,9 @@ def test_recordings_stand_beside_both_groups(tmp_path: Path) -> None:
     rows = [[c.strip() for c in line.split("|")[1:-1]] for line in found.table.splitlines()]
     heads = ["", "synthetic_hand", "recording 2", "model, 1 novice", "model, 1 experienced"]
     assert rows[0] == heads
-    assert [cells[0] for cells in rows[2 : 2 + len(ROWS)]] == [label for label, _, _ in ROWS]
+    assert [cells[0] for cells in rows[2 : 2 + len(HANDS)]] == [
+        each.row for each in HANDS.values()
+    ]
     slowest = measure_hand(HandTrace.read_csv(RECORDING, scale=1e-3), 50.0)
     assert found.recorded[0].sparc == pytest.approx(slowest.sparc)
     person, seed = operator_of_study(0, 46)

@@ -51,21 +51,24 @@ def test_values_are_frozen_and_hashable(data: Camera | Instrument | Trocar) -> N
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Camera(0.0), "field_of_view = 0.0, it must lie between 0.0 and 3.14"),
+        (lambda: Camera(0.0), "field_of_view = 0.0 rad, it must be between 0 and 3.14"),
         (lambda: Camera(np.pi), "field_of_view"),
         (lambda: Camera(np.nan), "field_of_view = nan"),
-        (lambda: Instrument(length=0.0), "length = 0.0, it must lie between"),
+        (lambda: Instrument(length=0.0), "length = 0.0 m, it must be positive"),
         (lambda: Instrument(length=np.inf), "length = inf"),
         (lambda: Instrument(radius=-0.005), "radius = -0.005"),
-        (lambda: Instrument(mount_offset=-0.01), "mount_offset = -0.01 m, it must be 0 or more"),
+        (
+            lambda: Instrument(mount_offset=-0.01),
+            "mount_offset = -0.01 m, it must be finite and 0",
+        ),
         (lambda: Instrument(mount_offset=np.nan), "mount_offset = nan"),
         (lambda: Trocar((0.0, 0.0), DOWN), "pivot = .* must be three finite numbers"),  # type: ignore[arg-type]
         (lambda: Trocar((0.0, 0.0, np.nan), DOWN), "pivot = .* must be three finite numbers"),
         (lambda: Trocar(PIVOT, (0.0, np.inf, 0.0)), "axis = .* must be three finite numbers"),
-        (lambda: Trocar(PIVOT, (0.0, 0.0, 0.0)), "axis = .* has no direction"),
+        (lambda: Trocar(PIVOT, (0.0, 0.0, 0.0)), "axis = .* not all zero"),
         (lambda: Trocar(PIVOT, DOWN, cone_half_angle=0.0), "cone_half_angle = 0.0"),
-        (lambda: Trocar(PIVOT, DOWN, depth_range=(0.2, 0.2)), "the first must be the smaller"),
-        (lambda: Trocar(PIVOT, DOWN, depth_range=(0.0, np.nan)), "the first must be the smaller"),
+        (lambda: Trocar(PIVOT, DOWN, depth_range=(0.2, 0.2)), "the least and the largest"),
+        (lambda: Trocar(PIVOT, DOWN, depth_range=(0.0, np.nan)), "the least and the largest"),
         (lambda: Trocar(PIVOT, DOWN, depth_range=(0.0, np.inf)), "both finite"),
     ],
 )

@@ -10,6 +10,7 @@ from helpers import assert_allclose, robot_toml
 from rcmqp import Arm, arm_names, load_arm
 from rcmqp.errors import (
     ArmError,
+    ArmWarning,
     FrameNotFound,
     JointLimitViolated,
     OptionError,
@@ -194,9 +195,10 @@ HIP = joint("hip", "pelvis", "hand", "0 0 1")
 NO_ARMS = {
     "no XML": ("not XML at all", r"small\.urdf is not a URDF: syntax error"),
     "cut off": ('<robot name="small"><link/>', r"small\.urdf is not a URDF: no element"),
-    "no robot": ("<mujoco/>", r'is not a URDF: its root must be <robot name="\.\.\.">'),
+    "no robot": ("<sdf/>", r'is not a URDF: its root must be <robot name="\.\.\.">'),
+    "MJCF": ("<mujoco/>", "is not a URDF: it is MuJoCo's MJCF"),
     "no name": ("<robot><link/></robot>", r'its root must be <robot name="\.\.\.">'),
-    "two roots": (robot(*ARM, '<link name="loose"/>'), "not a URDF that Pinocchio can read: "),
+    "two roots": (robot(*ARM, '<link name="loose"/>'), "links 'base', 'loose' hang on no joint"),
     "no joints": (
         robot(joint("weld", "base", "hand", "0 0 1", "fixed")),
         "the URDF has no moving joints",
@@ -223,7 +225,7 @@ NO_ARMS = {
     ),
     "no velocity limit": (
         robot(SHOULDER, ELBOW.replace(' velocity="1"', ""), WRIST),
-        "is not a URDF that Pinocchio can read",
+        "joint 'elbow' has no velocity limit; give one: <limit velocity=...>",
     ),
     "lower limit at upper": (
         robot(SHOULDER, ELBOW, WRIST.replace('upper="1.5"', 'upper="-2"')),
@@ -252,7 +254,7 @@ def test_a_missing_frame_is_answered_with_the_nearest_names(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["none.urdf", "folder/none", "."])
 def test_a_missing_file_is_said_to_be_missing(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ArmError, match=r"no such file; give the path of a URDF, or a name: \["):
+    with pytest.raises(ArmError, match="no such file; give the path of a URDF or of an arm's"):
         load_arm(tmp_path / name, "hand")
 
 
@@ -269,4 +271,5 @@ def test_a_mimicking_joint_on_the_chain_is_refused_and_off_it_is_held(tmp_path: 
     path = write(tmp_path, text[:i] + '<mimic joint="wrist_2_joint"/>' + text[i:])
     with pytest.raises(ArmError, match="'wrist_3_joint' mimics another one"):
         load_arm(path, "tool0")
-    assert load_arm(path, "wrist_2_link").nv == 5
+    with pytest.warns(ArmWarning, match="its y axis points outwards"):
+        assert load_arm(path, "wrist_2_link").nv == 5

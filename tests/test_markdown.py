@@ -9,7 +9,7 @@ import string
 import numpy as np
 from markdown_it import MarkdownIt
 
-from rcmqp.show.markdown import literal
+from rcmqp.show.table import literal
 
 
 def test_names_are_shown_as_they_are_in_headings_cells_and_captions() -> None:

@@ -11,7 +11,8 @@ from helpers import assert_allclose
 
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.maths.dualquaternion import from_rotation
-from rcmqp.runs.metrics import AFTER_THE_STOP, against_limit, until
+from rcmqp.runs.measures import until
+from rcmqp.runs.vocabulary import AFTER_THE_STOP, MEASURES
 from rcmqp.world.obstacles import Sphere
 
 
@@ -210,9 +211,10 @@ def test_metrics_do_not_depend_on_the_parts(
 
 
 def test_a_ratio_to_a_limit_and_a_distance_from_one_say_whether_there_is_one() -> None:
-    assert against_limit(0.5, ".2f") == "0.50"
-    assert against_limit(50045.2) == "50045"
-    assert against_limit(math.nan) == against_limit(math.inf, ".2f") == "no limit"
+    ratio, margin = MEASURES["jerk_ratio_max"], MEASURES["limit_margin_min_rad"]
+    assert ratio.text(0.5, ratio.fixed) == "0.50"
+    assert ratio.text(50045.2) == "50045"
+    assert ratio.text(math.nan) == margin.text(math.inf, ".2f") == "no limit"
 
 
 def test_errors_that_count_for_a_part_of_a_run_say_so() -> None:

@@ -152,7 +152,7 @@ ZERO: Vector3 = (0.0, 0.0, 0.0)
         ("sinusoid", {"frequency": math.inf}, "frequency = inf Hz"),
         ("sinusoid", {"ramp": 0.0}, "ramp = 0.0 s, it must be positive"),
         ("sinusoid", {"ramp": math.nan}, "ramp = nan s"),
-        ("sinusoid", {"direction": ZERO}, "direction = .* has no direction"),
+        ("sinusoid", {"direction": ZERO}, "direction = .* not all zero"),
         ("sinusoid", {"direction": (math.nan, 0.0, 0.0)}, "direction = .* three finite"),
         ("breathing", {"amplitude": math.inf}, "amplitude = inf m"),
         ("breathing", {"amplitude": -1.0}, "amplitude = -1.0 m"),
@@ -162,7 +162,7 @@ ZERO: Vector3 = (0.0, 0.0, 0.0)
         ("breathing", {"n": 1.5}, "n = 1.5, it must be a whole number"),
         ("breathing", {"n": math.nan}, "n = nan, it must be a whole number"),
         ("breathing", {"direction": (1.0, 0.0)}, "direction = .* three finite"),
-        ("sampled", {"times": (0.0,), "positions": (ZERO,)}, "1 times and 1 positions"),
+        ("sampled", {"times": (0.0,), "positions": (ZERO,)}, "1 times; a motion needs two"),
         ("sampled", {"times": (0.0, 1.0), "positions": (ZERO,)}, "2 times and 1 positions"),
         (
             "sampled",
@@ -172,7 +172,11 @@ ZERO: Vector3 = (0.0, 0.0, 0.0)
         ("sampled", {"times": (0.0, 1.0, 1.0), "positions": (ZERO, ZERO, ZERO)}, "taken twice"),
         ("sampled", {"times": (0.0, math.nan), "positions": (ZERO, ZERO)}, r"times\[1\] = nan"),
         ("sampled", {"times": (0.0, math.inf), "positions": (ZERO, ZERO)}, "times must be finite"),
-        ("sampled", {"times": (-1.0, 1.0), "positions": (ZERO, ZERO)}, "from 0 on"),
+        (
+            "sampled",
+            {"times": (-1.0, 1.0), "positions": (ZERO, ZERO)},
+            "count from the run.s start",
+        ),
         (
             "sampled",
             {"times": (0.0, 1.0), "positions": (ZERO, (0.0, math.nan, 0.0))},

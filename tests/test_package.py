@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.metadata
 import importlib.resources
+import pkgutil
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +17,9 @@ import pytest
 import rcmqp
 
 ROOT = Path(__file__).parents[1]
+MOST_NAMES = 50
+"""Of rcmqp itself: what a newcomer meets."""
+
 HEAVY = {  # each takes long to import, and neither importing rcmqp nor its help needs it
     "daqp",
     "h5py",
@@ -31,8 +38,36 @@ def test_every_public_name_resolves(name: str) -> None:
     assert getattr(rcmqp, name) is not None
 
 
-def test_public_names_are_sorted_and_listed_once() -> None:
-    assert rcmqp.__all__ == sorted(set(rcmqp.__all__))
+def test_public_names_are_listed_once() -> None:
+    assert len(set(rcmqp.__all__)) == len(rcmqp.__all__)
+
+
+def test_rcmqp_exports_what_its_readers_are_shown() -> None:
+    """Programs of the README and of the guides import from ``rcmqp`` itself."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    shown = set()
+    for page in pages:
+        programs = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+        for node in (node for text in programs for node in ast.walk(ast.parse(text))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).partition(".")[0] == "rcmqp":
+                assert node.module == "rcmqp", f"{page.name}: from {node.module} import ..."
+                shown |= {name.name for name in node.names}
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "rcmqp":
+                shown.add(node.attr)
+    print(f"{len(rcmqp.__all__)} names, {len(shown)} of them shown")
+    assert len(shown) > 25
+    assert shown <= {*rcmqp.__all__, "__version__"}
+    assert len(rcmqp.__all__) <= MOST_NAMES
+
+
+def test_each_modules_name_is_the_module() -> None:
+    """No function or class stands in the place of a module of its name."""
+    for found in pkgutil.walk_packages(rcmqp.__path__, "rcmqp."):
+        if found.name == "rcmqp.__main__":
+            continue
+        module = importlib.import_module(found.name)
+        folder, _, name = found.name.rpartition(".")
+        assert getattr(importlib.import_module(folder), name) is module, found.name
 
 
 def test_version_is_that_of_the_distribution() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from rcmqp import Insertion
 from rcmqp.realtime.packets import KEY, TAG, WINDOW, Kind, Numbers, Packets, Rejected, new_key
-from rcmqp.realtime.simulated_arm import TOO_OLD, Account, Box, Door, insertion_of
+from rcmqp.realtime.simulated_arm import TOO_OLD, Account, Box, Door
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from packets import OWN, attack
@@ -25,11 +25,6 @@ SECRET = bytes(range(KEY))
 @pytest.fixture
 def packets() -> Packets:
     return Packets(7, 7, SECRET)
-
-
-@pytest.fixture(scope="module")
-def insertion() -> Insertion:
-    return insertion_of("panda")
 
 
 def test_any_changed_bit_and_any_other_length_is_rejected(packets: Packets) -> None:

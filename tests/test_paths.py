@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import assert_allclose, derivative
+from pinocchio.utils import rotate
 from scipy.integrate import quad
 
 from rcmqp import ViewCommand, view_pose
@@ -22,6 +23,7 @@ from rcmqp.references.paths import (
     HandTrace,
     Lissajous,
     Path,
+    Shows,
     ViewMoves,
     ViewSteps,
     views_of,
@@ -61,6 +63,23 @@ def test_every_path_is_tested_here_and_keeps_to_the_protocol(name: str) -> None:
     assert isinstance(path, Path)
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(path, next(iter(inspect.signature(PATHS[name]).parameters)), 1.0)
+
+
+@pytest.mark.parametrize("path", [STEPS, MOVES], ids=["steps", "moves"])
+def test_views_have_their_tips_as_targets_each_once(path: ViewSteps | ViewMoves) -> None:
+    """A tip by rotation matrices: y turned by alpha, x by beta, then along z."""
+    twice = dataclasses.replace(path, views=path.views + path.views)
+    expected = []
+    for alpha, beta, _, t_z in path.views:
+        turned = rotate("y", alpha) @ rotate("x", beta)
+        expected.append(turned @ np.array([0.0, 0.0, TIP_DEPTH + t_z]))
+    assert isinstance(twice, Shows)
+    assert twice.spheres == ()
+    assert_allclose(twice.targets(TIP_DEPTH), expected, rtol=0, atol=1e-9)
+
+
+def test_a_helix_shows_nothing() -> None:
+    assert not isinstance(ConicalHelix(), Shows)
 
 
 @EVERY_PATH
@@ -179,7 +198,7 @@ def test_a_helix_wider_than_deep_is_refused() -> None:
 @pytest.mark.parametrize("bad", [-0.01, math.nan, math.inf])
 @pytest.mark.parametrize("field", ["radius_start", "radius_end"])
 def test_a_helix_has_finite_radii_not_below_zero(field: str, bad: float) -> None:
-    with pytest.raises(OptionError, match=rf"{field} = {bad}.* finite and not below zero"):
+    with pytest.raises(OptionError, match=rf"{field} = {bad} m, it must be finite and 0 or more"):
         ConicalHelix(**{field: bad})
 
 
@@ -307,12 +326,12 @@ def test_moves_without_a_dwell_do_not_stop_for_long() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"views": ()}, "views: at least one"),
-        ({"views": ((0.0, 0.0, 0.0, math.nan),)}, "every number must be finite"),
-        ({"views": ((0.0, 0.0),)}, r"each \(alpha, beta, gamma, t_z\)"),
+        ({"views": ()}, r"views = \(\), it must be at least one"),
+        ({"views": ((0.0, 0.0, 0.0, math.nan),)}, "views = .* finite numbers"),
+        ({"views": ((0.0, 0.0),)}, r"view \(alpha, beta, gamma, t_z\)"),
         ({"views": MOVES.views, "move": 0.0}, "move = 0.0 s, it must be positive"),
         ({"views": MOVES.views, "move": math.inf}, "move = inf s"),
-        ({"views": MOVES.views, "dwell": -1.0}, "dwell = -1.0 s, it must be 0 or more"),
+        ({"views": MOVES.views, "dwell": -1.0}, "dwell = -1.0 s, it must be finite and 0 or more"),
         ({"views": MOVES.views, "dwell": math.nan}, "dwell = nan s"),
     ],
 )
@@ -338,8 +357,8 @@ def test_steps_hold_plain_tuples() -> None:
 @pytest.mark.parametrize(
     ("views", "dwell", "message"),
     [
-        ((), 1.0, "views: at least one"),
-        (((0.0, 0.0, 0.0),), 1.0, r"each \(alpha, beta, gamma, t_z\)"),
+        ((), 1.0, r"views = \(\), it must be at least one"),
+        (((0.0, 0.0, 0.0),), 1.0, r"view \(alpha, beta, gamma, t_z\)"),
         (((0.0, 0.0, 0.0, 0.0),), 0.0, "dwell = 0.0 s, it must be positive"),
         (((0.0, 0.0, 0.0, 0.0),), math.nan, "dwell = nan s"),
     ],

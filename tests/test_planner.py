@@ -115,7 +115,7 @@ def test_a_pose_off_the_rcm_is_brought_to_the_nearest_on_it() -> None:
 
 @pytest.mark.parametrize("points", [0, -3, 1.5])
 def test_points_are_a_whole_number_of_at_least_one(points: int) -> None:
-    message = rf"points = {points}, the planner needs a whole number"
+    message = rf"points = {points}, it must be a whole number of at least 1"
     with pytest.raises(OptionError, match=message):
         plan(dq.IDENTITY, dq.IDENTITY, dq.IDENTITY, points)
     with pytest.raises(OptionError, match=message):

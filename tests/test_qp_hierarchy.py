@@ -11,7 +11,7 @@ from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.hierarchy import Hierarchy, hierarchy_backends
 from rcmqp.qp.levels import Bounds, HierarchySolution, Level
-from rcmqp.qp.problem import QP, InvalidProblem, QPSolution, Status
+from rcmqp.qp.problem import QP, InvalidProblem, QPSolution, Status, WrongShape
 from rcmqp.qp.solvers import get_solver
 
 BACKENDS = hierarchy_backends()
@@ -429,7 +429,7 @@ def test_names_options_and_numbers_are_checked_at_the_door() -> None:
         Hierarchy(max_rounds=0)
     with pytest.raises(InvalidProblem, match=r"b of level 'tip'\[1\] is nan"):
         Level(np.eye(2), [0.0, np.nan], "tip")
-    with pytest.raises(InvalidProblem, match=r"shape \(3,\), expected \(2,\)"):
+    with pytest.raises(WrongShape, match=r"shape \(3,\), expected \(2,\)"):
         Level(np.eye(2), np.zeros(3))
     for damping in (-1.0, np.inf, np.nan):
         with pytest.raises(InvalidProblem, match=f"damping of level 'tip' is {damping}; give 0"):

@@ -130,7 +130,7 @@ def test_names_options_and_packages_have_clear_errors(monkeypatch: pytest.Monkey
         get_solver("proxpq")
     with pytest.raises(OptionError, match=r"no option \['eps_ab'\]; it has .*eps_abs"):
         get_solver("proxqp", eps_ab=1e-9)
-    with pytest.raises(OptionError, match="eps_abs is 0"):
+    with pytest.raises(OptionError, match="eps_abs = 0"):
         get_solver("proxqp", eps_abs=0)
     monkeypatch.setitem(solvers._PACKAGES, "qpoases", ("no_such_module", "qpoases"))
     assert "qpoases" not in solver_names()

@@ -117,7 +117,7 @@ def test_every_file_that_the_page_names_is_there_and_no_other_address(folder: Pa
     text = (folder / "index.html").read_text()
     named = set(re.findall(r'(?:src|href)="([^"]*)"', text)) - {"data:,"}
     assert all((folder / name).stat().st_size > 0 for name in named)
-    assert {name.rpartition(".")[2] for name in named} == {"png", "pdf", "html", "csv"}
+    assert {name.rpartition(".")[2] for name in named} == {"png", "pdf", "html", "csv", "tex"}
     assert text.count("<iframe") == 2
 
 
@@ -158,7 +158,7 @@ def test_names_are_text_wherever_they_stand(runs: list[Run], tmp_path: Path) -> 
     page = (tmp_path / "index.html").read_text()
     linked = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert {re.sub(r"^(view|trajectories|errors)_.*_lwa3", "", each) for each in linked} == {
-        *("data:,", ".html", ".png", ".pdf", "report.csv")
+        *("data:,", ".html", ".png", ".pdf", "report.csv", "report.tex")
     }
     assert not re.search("<(em|i|b)>", page)
     shown = html.unescape(re.sub("<[^>]*>", "", page))

@@ -20,11 +20,11 @@ ORDER = (
     "tasks",
     "limits",
     "controllers",
-    "realtime",
-    "drivers",
     "plants",
     "runs",
     "show",
+    "realtime",
+    "drivers",
     "experiments",
     "live",
     "cli",
@@ -116,6 +116,13 @@ def test_the_root_is_imported_for_its_version_only() -> None:
             and node.value.id == "rcmqp"
         }
         assert used <= {"__version__"}, f"{room}: {file.name}"
+
+
+def test_people_do_not_leak() -> None:
+    """What is to be seen on a path, and whether somebody steers, is asked of the path."""
+    asking = re.compile(r"isinstance\([^()]*\bCameraTrial\b")
+    files = [file for file in PACKAGE.rglob("*.py") if asking.search(file.read_text("utf-8"))]
+    assert {file.parent.name for file in files} == {"operators"}
 
 
 def test_contributing_has_the_rooms_in_their_order() -> None:

@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 from helpers import assert_allclose
+from public_arms import PUBLIC_ARMS, write_public_arm
+from test_urdf import urdf
 
-from rcmqp import Arm, Insertion, Instrument, Trocar, find_start, load_arm, load_scenario
+from rcmqp import (
+    Arm,
+    Insertion,
+    Instrument,
+    Trocar,
+    compute_metrics,
+    find_start,
+    load_arm,
+    load_scenario,
+    make_controller,
+    simulate,
+)
 from rcmqp.errors import NoStartFound
 from rcmqp.runs.loading import scenario_module
+from rcmqp.world.collisions import Collisions
+from rcmqp.world.ease import ease_at
+from rcmqp.world.start import search_start
 
 SCOPE = Instrument()
 
@@ -46,12 +65,28 @@ def test_more_attempts_never_find_a_worse_start() -> None:
 
     def score(attempts: int) -> float:
         angles = find_start(arm, SCOPE, trocar, attempts=attempts)
-        insertion = Insertion(arm, SCOPE, trocar, angles)
-        J = insertion.state(insertion.q_start).J_local
-        least = float(np.linalg.svd(J, compute_uv=False)[-1])
-        return least * min(float(arm.limit_margin(angles).min()), np.pi / 4)
+        return ease_at(Insertion(arm, SCOPE, trocar, angles)).score
 
     assert score(2) <= score(40)
+
+
+@pytest.mark.parametrize("stroke", [0.5, 0.19, 0.1, 0.03])
+def test_margins_are_in_each_joints_own_unit(tmp_path: Path, stroke: float) -> None:
+    lift = (
+        '<link name="base"/><joint name="lift" type="prismatic"><parent link="base"/>'
+        f'<child link="l0"/><axis xyz="0 0 1"/><limit lower="0" upper="{stroke}" velocity="0.05" '
+        'effort="100"/></joint><link name="l0"/>'
+    )
+    (tmp_path / "r.urdf").write_text(urdf().replace('<link name="l0"/>', lift))
+    home = [stroke / 2, 0.1, -0.6, 0.2, 1.1, -0.1, 0.9, 0.3]
+    arm = load_arm(tmp_path / "r.urdf", "l7", home=home)
+    trocar = Insertion.on_shaft(arm, SCOPE).trocar
+    angles = find_start(arm, SCOPE, trocar, attempts=4)
+    margins = arm.limit_margin(angles)
+    assert margins[0] >= 0.01
+    assert margins[1:].min() >= 0.1
+    with pytest.raises(NoStartFound, match=r"lift moves only from 0 to .* m, and is to stay 0\.3"):
+        find_start(arm, SCOPE, trocar, attempts=4, stroke_margin=0.3)
 
 
 def test_a_trocar_out_of_reach_says_how_far() -> None:
@@ -65,6 +100,54 @@ def test_a_trocar_reached_only_near_a_singularity_says_so() -> None:
     trocar = Insertion.on_shaft(arm, SCOPE).trocar
     with pytest.raises(NoStartFound, match="only near a singularity"):
         find_start(arm, SCOPE, trocar, attempts=3, singular_value=10.0)
+
+
+def test_a_start_with_the_scope_through_the_arm_is_refused_by_name() -> None:
+    arm = load_arm("ur5")
+    rng, collisions = np.random.default_rng(7), Collisions(arm, SCOPE)
+    poses = (arm.random_angles(rng) for _ in range(1000))
+    folded = next(q for q in poses if collisions.first(q).endswith("link and the shaft"))
+    trocar = Insertion.on_shaft(arm, SCOPE, folded).trocar
+    assert ease_at(Insertion(arm, SCOPE, trocar, folded)).touching
+    assert Collisions(arm, SCOPE).first(arm.home) == ""
+    start = search_start(arm, SCOPE, trocar)
+    assert Collisions(arm, SCOPE).first(start.angles) == ""
+
+
+def test_a_start_says_what_it_is_like() -> None:
+    arm = load_arm("panda")
+    text = str(search_start(arm, SCOPE, Insertion.on_shaft(arm, SCOPE).trocar, attempts=20))
+    for words in ("shaft 0 deg from straight down", "panda_joint", "rad from its limits", "of 21"):
+        assert words in text
+
+
+@pytest.mark.parametrize("arm", [*PUBLIC_ARMS])
+def test_the_start_of_an_arm_without_a_home_is_one_that_a_surgeon_would_use(
+    tmp_path: Path, arm: str
+) -> None:
+    path = write_public_arm(tmp_path, arm)
+    before = time.process_time()
+    loaded = load_arm(path, "flange")
+    home = loaded.home
+    took = time.process_time() - before
+    insertion = Insertion.on_shaft(loaded, SCOPE)
+    ease, pivot = ease_at(insertion), np.array(insertion.trocar.pivot)
+    print(f"{arm}: {took:.1f} s, {ease}")
+    assert took < 5.0
+    assert np.array_equal(load_arm(path, "flange").home, home)
+    assert ease.tilt < np.radians(45.0)
+    assert not ease.touching
+    assert not ease.low
+    assert pivot[0] > 0.0  # in front of the base
+    assert loaded.limit_margin(home).min() > 0.1
+    scenario = load_scenario("conical_helix", str(path), flange="flange", period=0.004)
+    made = make_controller("hierarchical_qp", scenario.insertion(), scenario.period)
+    run = simulate(scenario, made)
+    assert not run.head.stops
+    metrics = compute_metrics(run)
+    assert metrics.limit_margin_min_rad > -1e-9
+    assert metrics.tip_max_mm < 1.0
+    assert metrics.rcm_max_mm < 0.01
 
 
 def test_a_scenario_takes_a_wished_trocar() -> None:

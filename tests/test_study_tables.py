@@ -120,13 +120,13 @@ def test_the_table_holds_the_outcomes_beside_the_papers(tmp_path: Path) -> None:
     assert time[1].startswith("61.5 ± 1.3 [59.4, 63.6]")
     assert time[2].startswith("61.0 ± 1.4 ")
     assert time[3].startswith("62.0 ± 1.4 ")
-    assert rows["tip error, largest [mm]"] == ["4.82 (*)", "4.00", "3.00", "4.00"]
+    assert rows["tip error, largest [mm]"] == ["4.82 (†)", "4.000", "3.000", "4.000"]
     collisions = rows["collisions: the shaft touched the obstacle"]
     assert collisions == ["0", "1 of 4", "0 of 2", "1 of 2"]
     for label, paper in (  # its Table I
         ("RCM error, rms [mm]", "0.00710 ± 0.00706"),
-        ("tip error, rms [mm]: the camera", "0.3398 ± 0.0163 (*)"),
-        ("least distance, camera to obstacle [mm]", "12.52 ± 5.03 (**)"),
+        ("tip error, rms [mm]", "0.3398 ± 0.0163 (†)"),
+        ("least distance, camera to obstacle [mm]", "12.52 ± 5.03 (‡)"),
     ):
         assert rows[label][0] == paper
 
@@ -149,7 +149,7 @@ def test_one_person_has_differences_and_neither_intervals_nor_tests(tmp_path: Pa
     two = [outcomes(law, shift)[0] for law, shift in (("a", 0.0), ("b", 0.25))]
     text = table(Performed(Study(), tmp_path, two))
     assert "nan" not in text
-    (cells,) = cells_of(text, "| tip error, rms [mm] |")
+    (cells, *_) = cells_of(text, "| tip error, rms [mm] |")  # side by side comes first
     assert cells[1:] == ["0.3", "0.55", "0.25", ""]  # mean change, and no effect size
     (cells,) = cells_of(text, "| a | b | Schunk LWA3 | tip")
     assert cells[4:] == ["1", "0.25", ""]
@@ -160,7 +160,7 @@ def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
     text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
     (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | tip")
     assert cells[4:] == ["4", "-0.25 ± 0", "-6.2 ± 4.9"]
-    (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | completion_s")
+    (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | completion time")
     assert cells[4:] == ["4", "0 ± 0", "0 ± 0"]
 
 
@@ -180,7 +180,7 @@ def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path)
         (f"| {lwa3} | {panda} | a", "0.5"),
         (f"| {lwa3} | {panda} | b", "2.5"),
     ):
-        (cells,) = cells_of(text, f"{ends} | tip_rms_mm |")
+        (cells,) = cells_of(text, f"{ends} | tip error, rms [mm] |")
         assert cells[5].split(" ± ")[0] == change
     assert side_by_side(all_four).splitlines()[0].count(f"{panda}, b") == 1
 
@@ -227,7 +227,7 @@ def test_side_by_side_says_what_each_controller_was_given() -> None:
 def test_a_device_jump_has_a_row_of_its_own_where_there_was_one(tmp_path: Path) -> None:
     mine, jump = Performed(Study(), tmp_path, outcomes("a", 0.0)), device_jump(Law())
     rows = rows_of(table(mine, compute_metrics(jump)))
-    assert rows[JUMP] == ["4.82 (*); 0.37", "4.82; 0.372", "", ""]
+    assert rows[JUMP] == ["4.82 (†); 0.37", "4.82; 0.372", "", ""]
     assert JUMP not in table(mine)
 
 

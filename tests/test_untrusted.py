@@ -17,11 +17,12 @@ import pytest
 from rcmqp import Run, Scenario, load_scenario, make_controller, simulate
 from rcmqp.cli import DEBUG, main
 from rcmqp.cli import run as run_commands
-from rcmqp.cli.console import err, out, print_table
+from rcmqp.cli.console import err, out
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.perform import remake
-from rcmqp.runs.printable import csv_text, one_line, printable, shortened
+from rcmqp.runs.printable import one_line, printable, shortened
 from rcmqp.runs.run_file import RunFile
+from rcmqp.show.table import Table
 
 ATTRIBUTES = (
     "scenario",
@@ -275,7 +276,7 @@ def test_nothing_that_is_printed_runs_a_terminal_escape(
 ) -> None:
     out.print(EVIL)
     err.print(EVIL)
-    print_table([EVIL], [[EVIL]])
+    out.print(Table([EVIL], [[EVIL]]))
     said = "".join(capsys.readouterr())
     assert said.count(r"\x1b[2Ja\x07") == 4
     assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(said)
@@ -295,11 +296,12 @@ def test_a_name_out_of_a_file_runs_no_terminal_escape(
 
 
 def test_a_spreadsheet_runs_no_cell() -> None:
-    cells = dict(enumerate(["=1+1", "+1", "-1", "@a", "\tb", "plain", "", -1.5, None]))
-    names = [*map(str, cells)]
-    text = csv_text(names, [{str(i): cell for i, cell in cells.items()}])
-    (row,) = csv.DictReader(io.StringIO(text))
-    assert [*row.values()] == ["'=1+1", "'+1", "'-1", "'@a", "'\tb", "plain", "", "-1.5", ""]
+    cells = ["=1+1", "+a", "-1+1", "@a", "\tb", "plain", "", -1.5, None, "-1.5"]
+    text = Table(["=head", *map(str, range(9))], [cells]).csv()
+    head, row = csv.reader(io.StringIO(text))
+    assert head[0] == "'=head"
+    quoted = ["'=1+1", "'+a", "'-1+1", "'@a", "'\tb"]
+    assert row == [*quoted, "plain", "", "-1.5", "", "-1.5"]
 
 
 @pytest.mark.parametrize("debug", ["", "1"])

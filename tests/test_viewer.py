@@ -28,11 +28,11 @@ from rcmqp import (
 from rcmqp.cli import main
 from rcmqp.errors import OptionError, ToolMissing, UnknownName, ViewError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.show.labels import run_labels
+from rcmqp.show.labels import run_labels, versions_text
+from rcmqp.show.tables import metrics_table
 from rcmqp.show.viewer import browser, capture, page
 from rcmqp.show.viewer.scene import surroundings
 from rcmqp.show.viewer.shapes import arm_parts
-from rcmqp.show.viewer.table import metrics_table, versions_text
 from rcmqp.show.viewer.timeline import BINS, envelope, frames, slip, stopped
 from rcmqp.world.insertion import rcm_error
 from rcmqp.world.obstacles import Sphere
@@ -53,7 +53,7 @@ def test_the_table_says_what_was_given_and_which_limits_are_assumed_or_not_there
     run: Run,
 ) -> None:
     free = dataclasses.replace(run, jerk_limit=np.full(7, np.inf), assumed=())
-    lines = re.findall("<tr><td>(.*?)</td>(.*?)</tr>", metrics_table([run, free], "ab"))
+    lines = re.findall("<tr><td>(.*?)</td>(.*?)</tr>", metrics_table([run, free], "ab").html())
     rows = {name: re.findall("<td>(.*?)</td>", cells) for name, cells in lines}
     ratio = compute_metrics(run).jerk_ratio_max
     jerk = rows["joint jerk over its limit, max"]

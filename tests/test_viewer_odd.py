@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import assert_allclose
-from opened import Opened, opening
+from opened import Opened
 
 from rcmqp import Run, Scenario, load_arm, make_controller, simulate
 from rcmqp.maths.dualquaternion import Array
@@ -69,12 +68,6 @@ def runs(scenario: Scenario) -> list[Run]:
         ),
         dataclasses.replace(other, v=fast, tip_error=1e-4 * ramp, rcm_error=2e-3 * ramp),
     ]
-
-
-@pytest.fixture(scope="module")
-def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
-    with opening(runs, tmp_path_factory.mktemp("page")) as page:
-        yield page
 
 
 def pixel(opened: Opened, point: Array) -> Array:

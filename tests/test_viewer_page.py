@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import assert_allclose
-from opened import Opened, opening
+from opened import Opened
 
 from rcmqp import Run, Scenario, make_controller, simulate
 from rcmqp.maths import dualquaternion as dq
@@ -34,12 +33,6 @@ def runs() -> list[Run]:
         simulate(scenario, make_controller(name, scenario.insertion(), scenario.period))
         for name in CONTROLLERS
     ]
-
-
-@pytest.fixture(scope="module")
-def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
-    with opening(runs, tmp_path_factory.mktemp("page")) as page:
-        yield page
 
 
 @pytest.fixture

@@ -5,14 +5,17 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import collada
 import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import assert_allclose
+from test_urdf import urdf
 
 from rcmqp import load_arm
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.show.viewer.collada_ import triangles
+from rcmqp.show.viewer.shapes import arm_parts
 from rcmqp.show.viewer.surface import GRAIN, NORMAL_GRAIN, smooth
 
 QUAD = """<?xml version="1.0"?>
@@ -109,3 +112,43 @@ def test_a_box_keeps_its_edges() -> None:
     assert len(box.points) == 24
     assert np.array_equal(np.sort(np.abs(box.normals), axis=1), np.tile([0.0, 0.0, 1.0], (24, 1)))
     assert (np.sum(box.normals * box.points, axis=1) > 0.0).all()
+
+
+@pytest.mark.parametrize("ending", ["stl", "dae"])
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (1, -2, 1), (-1, -1, -1), (-1, -1, 1)])
+def test_triangles_of_a_mirrored_mesh_still_face_outwards(
+    tmp_path: Path, ending: str, scale: tuple[int, int, int]
+) -> None:
+    """A tetrahedron about the origin: each normal points away from it."""
+    points = 0.05 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    file = tmp_path / f"mesh.{ending}"
+    if ending == "stl":
+        corners = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in points[face]) for face in faces]
+        loops = (f"facet normal 0 0 0\nouter loop\n{each}endloop\nendfacet\n" for each in corners)
+        file.write_text(f"solid s\n{''.join(loops)}endsolid s\n")
+    else:
+        mesh = collada.Collada()
+        source = collada.source.FloatSource("p", points.ravel(), ("X", "Y", "Z"))
+        geometry = collada.geometry.Geometry(mesh, "g", "g", [source])
+        inputs = collada.source.InputList()
+        inputs.addInput(0, "VERTEX", "#p")
+        geometry.primitives.append(geometry.createTriangleSet(faces.ravel(), inputs, ""))
+        mesh.geometries.append(geometry)
+        node = collada.scene.Node("n", children=[collada.scene.GeometryNode(geometry, [])])
+        mesh.scenes.append(collada.scene.Scene("s", [node]))
+        mesh.scene = mesh.scenes[0]
+        with file.open("wb") as stream:
+            mesh.write(stream)
+    visual = f'<mesh filename="{file.name}" scale="{" ".join(map(str, scale))}"/>'
+    visual = f"<visual><geometry>{visual}</geometry></visual>"
+    shaped = urdf().replace('<link name="l3"/>', f'<link name="l3">{visual}</link>')
+    (tmp_path / "r.urdf").write_text(shaped)
+    (part,) = arm_parts(load_arm(tmp_path / "r.urdf", "l7", home=[0.3] * 7))
+    attributes = part.data["geometries"][0]["data"]["attributes"]
+    position, normal = (
+        np.frombuffer(bytes(attributes[name]["array"].data), "<f4").reshape(-1, 3)
+        for name in ("position", "normal")
+    )
+    assert len(position) == 12
+    assert (np.sum(position * normal, axis=1) > 0.0).all()

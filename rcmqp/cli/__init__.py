@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from typing import Annotated, NoReturn
 
@@ -13,15 +14,27 @@ import typer
 from rich.markup import escape
 
 import rcmqp
-from rcmqp.cli import compare, hands, lists, live, loopback, report, reproduce, run, study, viewer
-from rcmqp.cli.console import err, out
-from rcmqp.errors import RcmqpError
+from rcmqp.cli import (
+    calibrate,
+    compare,
+    doctor,
+    hands,
+    lists,
+    live,
+    loopback,
+    report,
+    reproduce,
+    run,
+    study,
+    viewer,
+)
+from rcmqp.cli.console import err, out, show_warning
+from rcmqp.errors import ArmWarning, RcmqpError
 from rcmqp.runs.printable import shortened
 
 app = typer.Typer(
     name="rcmqp",
-    no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Remote-centre-of-motion control of surgical arms.\n\n"
@@ -33,6 +46,18 @@ app = typer.Typer(
 DEBUG = "RCMQP_DEBUG"
 """Environment variable that shows the traceback of an error."""
 
+NEXT = (
+    ("rcmqp run conical_helix --out helix.h5", "simulate a run, and keep it"),
+    ("rcmqp view helix.h5", "look at it in the browser"),
+    ("rcmqp compare -s circle -a panda", "every controller, in one table"),
+    ("rcmqp reproduce", "the paper's experiment A, with a report"),
+    ("rcmqp run conical_helix -a my.urdf --flange tool0", "a robot of your own"),
+    ("rcmqp arms; rcmqp scenarios; rcmqp controllers", "what is there"),
+    ("rcmqp doctor", "what is installed, and what is missing"),
+    ("rcmqp --help", "every command"),
+)
+"""What rcmqp shows when it is called without anything."""
+
 INTERRUPTED = (130, 143)
 """The exit codes after Ctrl-C and SIGTERM, by a shell's custom."""
 
@@ -41,7 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; any error ends it with a sentence and exit code 1."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
-        app(given)
+        with warnings.catch_warnings():
+            warnings.showwarning = show_warning
+            warnings.simplefilter("default", ArmWarning)
+            app(given)
     except RcmqpError as error:
         _say_and_end(error, str(error))
     except SystemExit as end:
@@ -85,11 +113,16 @@ def run_file(file: str) -> None:
 
 @app.callback(invoke_without_command=True)
 def _root(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if version:
         out.print(rcmqp.__version__, highlight=False)
         raise typer.Exit
+    if context.invoked_subcommand is None:
+        out.print(f"rcmqp {rcmqp.__version__}: RCM control of surgical arms. What to do next:")
+        for line, about in NEXT:
+            out.print(f"  {line:51} {about}", markup=False, highlight=False, soft_wrap=True)
 
 
 for command in (
@@ -98,9 +131,11 @@ for command in (
     lists.arms,
     lists.scenarios,
     lists.controllers,
+    doctor.doctor,
     compare.compare,
     study.study,
     hands.hands,
+    calibrate.calibrate,
     reproduce.reproduce,
     loopback.loopback,
     live.live,

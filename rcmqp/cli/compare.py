@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -11,18 +11,25 @@ from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
+    Axis,
+    Cone,
+    Depth,
     FlangeOption,
     GovernorOption,
     JerkOption,
     Jobs,
-    governor_change,
+    PlannerOption,
+    Tolerance,
+    Trocar,
     limits_of,
+    port_of,
+    scenario_changes,
 )
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.runs.loading import scenario_module
 from rcmqp.show.tables import tables
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import arm_names, names_its_flange
 
 
 def compare(
@@ -34,7 +41,8 @@ def compare(
         typer.Option(
             "--arm",
             "-a",
-            help="Name, or a URDF's path; may be repeated; each scenario's own without it.",
+            help="Name, or the path of an arm's .toml or of a URDF with its flange, "
+            "FILE.urdf:FLANGE; may be repeated; each scenario's own without it.",
         ),
     ] = None,
     controller: Annotated[
@@ -52,10 +60,16 @@ def compare(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
     governor: GovernorOption = None,
+    planner_from: PlannerOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,39 +90,46 @@ def compare(
       rcmqp compare -s moving_trocar -c dual_quaternion -c dual_quaternion:feed_forward=true
 
     The tables say what each controller was given: feed-forward, joint limits, period, gain. The
-    folder gets every run, comparison.csv, comparison.md and a figure of the errors for each
-    scenario and arm. The numbers, but for times, do not depend on the number of jobs.
+    folder gets every run, comparison.csv, comparison.md, comparison.tex and a figure of the errors
+    for each scenario and arm. The numbers, but for times, do not depend on the number of jobs.
+
+    Tables are written as the runs end. A comparison that is stopped goes on where it was when the
+    same command is given again; runs that are in the folder are kept unless code has changed.
     """
     from rcmqp.experiments import compare as comparison  # joblib takes long to import
 
-    changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
     given = settings or []
     laws = with_options(controller or every_setting(fixed=given), given)
-    urdfs = [name for name in arm or () if name not in arm_names()]
-    for name in urdfs:
-        if not Path(name).is_file():
-            raise UnknownName("arm", name, arm_names())
-    if flange is not None and not urdfs:
-        raise OptionError("--flange is for a URDF, and none of the arms is one")
+    changes = (
+        scenario_changes(
+            governor, period=period, duration=duration, seed=seed, planner_from=planner_from
+        )
+        | limits_of(acceleration, jerk).given()
+        | port_of(trocar, axis, depth, cone, tolerance)
+    )
+    files = [comparison.arm_and_flange(each) for each in arm or () if each not in arm_names()]
+    for name, _ in files:
+        if name is None or not Path(name).is_file():
+            raise UnknownName("arm", str(name), arm_names())
+    urdfs = [own for name, own in files if not names_its_flange(str(name))]
+    if flange is not None and all(urdfs):
+        raise OptionError("--flange is for a URDF without its own, and none of the arms is one")
     for law in laws:
         controller_of(law)
     for name in scenario:
         scenario_module(name)
-    if jobs == 0:
-        raise OptionError("--jobs 0: give at least 1, or -1 for every core")
-    todo = comparison.cases(
-        scenario,
-        arm or [None],
-        laws,
-        {name: value for name, value in changes.items() if value is not None}
-        | governor_change(governor)
-        | limits_of(acceleration, jerk).given(),
-        flange,
-    )
+    todo = comparison.cases(scenario, arm or [None], laws, changes, flange)
+    notes: list[str] = []
     with console.bar(quiet=as_json) as advance:
         rows = comparison.compare(
-            todo, folder, jobs=jobs, progress=lambda done: advance("runs", done, len(todo))
+            todo,
+            folder,
+            jobs=jobs,
+            progress=lambda done: advance("runs", done, len(todo)),
+            note=notes.append,
         )
+    for note in notes:
+        console.print_note(note)
     if as_json:
         console.print_json([console.row_json(row) for row in rows])
     else:

@@ -7,33 +7,29 @@ import json
 import math
 import os
 import sys
-import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs.metrics import (
-    ROUNDING,
-    Metrics,
-    after_the_stop,
-    against_limit,
-    compute_metrics,
-    readable,
-)
+from rcmqp.runs.measures import readable
+from rcmqp.runs.metrics import ROUNDING, Metrics, compute_metrics
 from rcmqp.runs.printable import one_line, printable
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
-from rcmqp.show.labels import given_cells, given_words
-from rcmqp.show.markdown import TitledTable
+from rcmqp.runs.vocabulary import MEASURES
+from rcmqp.show.labels import given_cells, given_words, joint_units, unit_of
+from rcmqp.show.table import Table
 from rcmqp.world.arm import Arm
+from rcmqp.world.ease import ease_at
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Instrument
+from rcmqp.world.loading import arm_names
 
 WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
 RCM_WARNING_MM = 1.0
@@ -84,6 +80,18 @@ def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
         yield advance
 
 
+def show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: Any = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning as a sentence; in place of warnings.showwarning()."""
+    err.print(f"[yellow]warning:[/] {escape(one_line(str(message)))}", soft_wrap=True)
+
+
 def print_json(data: Any) -> None:
     """One JSON object; what is not finite is null."""
     print(json.dumps(data, indent=2, allow_nan=False))
@@ -94,32 +102,18 @@ def print_written(path: Path, more: str = "") -> None:
     out.print(one_line(f"wrote {path}{more}"), markup=False, highlight=False, soft_wrap=True)
 
 
-def print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """A table of texts; the first column, of names, is never cut."""
-    first, *others = (escape(printable(head)) for head in heads)
-    table = Table(
-        Column(first, no_wrap=True), *others, box=box.SIMPLE, pad_edge=False, collapse_padding=True
-    )
-    for row in rows:
-        table.add_row(*(escape(printable(cell)) for cell in row))
-    out.print(table)
+def print_note(text: str) -> None:
+    """Say something that is no result, on stderr."""
+    err.print(one_line(f"note: {text}"), markup=False, highlight=False, soft_wrap=True)
 
 
-def print_tables(tables: Iterable[TitledTable]) -> None:
-    """Those of a comparison's tables that matter most, each below its title."""
+def print_tables(tables: Iterable[Table]) -> None:
+    """Those of several tables that matter most, each below its title."""
     for table in tables:
         if table.main:
-            out.print(table.title, markup=False, highlight=False, soft_wrap=True)
-            heads = [head.replace("-", "- ") for head in table.heads]
-            columns = map(_narrow, zip(heads, *table.rows, strict=True))
-            first, *rows = zip(*columns, strict=True)
-            print_table(first, rows)
-
-
-def _narrow(texts: Sequence[str]) -> list[str]:
-    """Texts of a column in lines that break at spaces only, and are as short as that allows."""
-    width = max((len(word) for text in texts for word in text.split()), default=1)
-    return [textwrap.fill(text, width, break_on_hyphens=False) for text in texts]
+            if table.title:
+                out.print(table.title, markup=False, highlight=False, soft_wrap=True)
+            out.print(table)
 
 
 def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
@@ -135,10 +129,10 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
         for name, label, unit in _ERRORS:
             values = (getattr(metrics, f"{name}_{kind}_{unit}") for kind in ("rms", "p95", "max"))
             rows.append([f"{label} {unit}", *(readable(value, ".5f") for value in values)])
-        print_table(("error", "rms", "95 %", "max"), rows)
+        print_tables([Table(("error", "rms", "95 %", "max"), rows)])
         for line in (
             *_path_end(metrics),
-            *_summary(metrics),
+            *_summary(metrics, unit_of(joint_units(result.head))),
             *_governed(result),
         ):
             out.print(line, highlight=False, markup=False)
@@ -162,7 +156,7 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
         )
     if metrics.speed_ratio_max > 1.0 + ROUNDING:
-        where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
+        _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
         found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
     if metrics.acceleration_ratio_max > 1.0 + ROUNDING:
         found.append(
@@ -171,12 +165,13 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"{'assumed ' if 'acceleration' in head.assumed else ''}acceleration limits"
         )
     if metrics.limit_margin_min_rad < -ROUNDING:
-        where = _where(
+        joint, where = _where(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
         )
         found.append(
-            f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} rad; start "
-            "elsewhere, or try --set objective=joint_centring or --set K_c=0"
+            f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} "
+            f"{joint_units(head)[joint]}; start elsewhere, or try --set "
+            "objective=joint_centring or --set K_c=0"
         )
     if metrics.rcm_max_mm > RCM_WARNING_MM:
         found.append(f"the RCM error reached {metrics.rcm_max_mm:.3g} mm")
@@ -211,20 +206,21 @@ def print_arms(arms: Iterable[Arm]) -> None:
             arm.name,
             str(arm.nv),
             f"{arm.reach:.2f}",
-            _span(np.degrees(arm.upper - arm.lower)),
-            _span(np.degrees(arm.velocity)),
-            _span(np.degrees(arm.acceleration)).replace("endless", "no limit"),
-            _span(np.degrees(arm.jerk)).replace("endless", "no limit"),
+            _spans(arm, arm.upper - arm.lower),
+            _spans(arm, arm.velocity),
+            _spans(arm, arm.acceleration).replace("endless", "no limit"),
+            _spans(arm, arm.jerk).replace("endless", "no limit"),
             "both" if len(arm.assumed) == 2 else "".join(arm.assumed),
             arm.licence,
         )
         for arm in arms
     ]
-    heads = ("name", "joints", "reach", "travel", "speed", "acceleration", "jerk")
-    print_table((*heads, "assumed", "licence"), rows)
+    heads = "name joints reach travel speed acceleration jerk assumed licence".split()
+    print_tables([Table(heads, rows, words=len(heads))])
     out.print(
-        "In m, deg, deg/s, deg/s^2, deg/s^3. Assumed: which of acceleration and jerk no source "
-        "gives;\na careful value stands in. rcmqp arms NAME lists one arm's joints.",
+        "In m, deg, deg/s, deg/s^2, deg/s^3; prismatic joints in m, m/s, m/s^2, m/s^3. Assumed: "
+        "which of\nacceleration and jerk no source gives; a careful value stands in. rcmqp arms "
+        "NAME lists one arm's joints.",
         style="dim",
     )
 
@@ -237,25 +233,33 @@ def print_arm(arm: Arm) -> None:
         highlight=False,
         markup=False,
     )
-    print_table(
-        ("joint", "lower", "upper", "speed", "acceleration", "jerk", "home"),
-        [
-            (
-                joint,
-                *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper, arm.velocity)),
-                _limit(arm.acceleration[i], bool(arm.is_assumed("acceleration")[i])),
-                _limit(arm.jerk[i], bool(arm.is_assumed("jerk")[i])),
-                f"{arm.home[i]:.4f}",
-            )
-            for i, joint in enumerate(arm.joints)
-        ],
-    )
-    note = "In rad, rad/s, rad/s^2, rad/s^3 (m for prismatic joints)."
+    heads = ("joint", "unit", "lower", "upper", "speed", "acceleration", "jerk", "home")
+    rows = [
+        (
+            joint,
+            arm.joint_units[i],
+            *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper, arm.velocity)),
+            _limit(arm.acceleration[i], bool(arm.is_assumed("acceleration")[i])),
+            _limit(arm.jerk[i], bool(arm.is_assumed("jerk")[i])),
+            f"{arm.home[i]:.4f}",
+        )
+        for i, joint in enumerate(arm.joints)
+    ]
+    print_tables([Table(heads, rows, words=len(heads))])
+    note = "Positions in the joint's unit, speeds in unit/s, accelerations in unit/s^2, jerks in "
+    note += "unit/s^3."
     if arm.assumed:
         note += f" Assumed, as no source gives it: {' and '.join(sorted(arm.assumed))}."
     if arm.speed_near_limits is not None:
         note += " Near its position limits a joint may move only more slowly."
     out.print(note, style="dim", soft_wrap=True)
+    if arm.source is not None and arm.name not in arm_names():
+        ease = ease_at(Insertion.on_shaft(arm, Instrument()))
+        for line in (*arm.source.notes, f"home: {ease}"):
+            out.print(one_line(line), soft_wrap=True, highlight=False, markup=False)
+        for topic, source in arm.source.sources.items():
+            line = one_line(f"source of {topic}: {source}")
+            out.print(line, style="dim", soft_wrap=True, highlight=False, markup=False)
 
 
 def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
@@ -295,9 +299,11 @@ def arm_json(arm: Arm) -> dict[str, Any]:
         "name": arm.name,
         "title": arm.title,
         "joints": list(arm.joints),
+        "joint_units": list(arm.joint_units),
         "reach": arm.reach,
         **{name: [_finite(x) for x in getattr(arm, name)] for name in arrays},
         "assumed": sorted(arm.assumed),
+        "notes": [] if arm.source is None else list(arm.source.notes),
         "licence": arm.licence,
     }
 
@@ -308,8 +314,7 @@ def row_json(row: object) -> dict[str, Any]:
     return {name: _finite(x) if isinstance(x, float) else x for name, x in values.items()}
 
 
-def _summary(metrics: Metrics) -> Sequence[str]:
-    margin = against_limit(round(metrics.limit_margin_min_rad, 3) + 0.0, ".3f")
+def _summary(metrics: Metrics, unit: str) -> Sequence[str]:
     return (
         f"contour error         {readable(metrics.contour_rms_mm, '.5f')} mm rms, "
         f"{readable(metrics.contour_max_mm, '.5f')} mm max, tip late by "
@@ -317,9 +322,9 @@ def _summary(metrics: Metrics) -> Sequence[str]:
         f"depth of the tip      {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm",
         f"tip speed asked for   {metrics.tip_speed_rms_mm_s:.1f} mm/s rms",
         f"joint speed / limit   {metrics.speed_ratio_max:.3f} at most",
-        f"acceleration / limit  {_at_most(metrics.acceleration_ratio_max)}",
-        f"jerk / limit          {_at_most(metrics.jerk_ratio_max)}",
-        f"margin to limits      {margin} rad at least",
+        f"acceleration / limit  {_limited('acceleration_ratio_max', metrics, ' at most')}",
+        f"jerk / limit          {_limited('jerk_ratio_max', metrics, ' at most')}",
+        f"margin to limits      {_limited('limit_margin_min_rad', metrics, f' {unit} at least')}",
         f"singular value        {metrics.singular_value_min:.4f} at least",
         f"joints turn round     in {metrics.reversals_in_a_row:.0f} cycles in a row at most, in "
         f"{metrics.reversals:.0f} in all",
@@ -366,39 +371,42 @@ def _after_the_stop(metrics: Metrics) -> list[str]:
     """How tip and joints come to rest; nothing where the reference does not stop."""
     if math.isnan(metrics.reference_end_s):
         return []
-    settling = after_the_stop(metrics.settling_time_s, ".3f")
+    settling = MEASURES["settling_time_s"].text(metrics.settling_time_s, ".3f")
     tip = "never for good" if settling == "never" else f"for good after {settling} s"
     lines = [
         f"reference stops       at {metrics.reference_end_s:.3f} s; tip error below 1 mm {tip}"
     ]
     if not math.isnan(metrics.swing_ratio_end):
+        overshoot = MEASURES["overshoot_max_mm"].text(metrics.overshoot_max_mm)
+        swing = MEASURES["swing_ratio_end"].text(metrics.swing_ratio_end)
         lines += [
-            f"tip past its end      {after_the_stop(metrics.overshoot_max_mm)} mm at most",
-            f"swing of a speed      {after_the_stop(metrics.swing_ratio_end)} of its limit in the "
-            "last second",
+            f"tip past its end      {overshoot} mm at most",
+            f"swing of a speed      {swing} of its limit in the last second",
         ]
     return lines
 
 
-def _where(run: Recording, excess_of: Callable[[Run], Array]) -> str:
-    """Name of the joint whose excess (n, nv) is largest, and when that is."""
-    worst, where = -math.inf, ""
+def _where(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, str]:
+    """Number of the joint whose excess (n, nv) is largest; its name, and when that is."""
+    worst, joint, where = -math.inf, 0, ""
     for part in run.parts():
         excess = excess_of(part)
         row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
         if excess[row, column] > worst:
-            worst = excess[row, column]
+            worst, joint = excess[row, column], int(column)
             where = f"{part.joints[column]} at {part.time[row]:.3f} s"
-    return where
+    return joint, where
 
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _at_most(ratio: float) -> str:
-    """The largest ratio to a limit, for people."""
-    return against_limit(ratio, ".3f") + ("" if math.isnan(ratio) else " at most")
+def _limited(name: str, metrics: Metrics, more: str) -> str:
+    """A measure beside a limit, and more words; without them where there is no limit."""
+    value = getattr(metrics, name)
+    text = MEASURES[name].text(round(value, 3) + 0.0 if math.isfinite(value) else value, ".3f")
+    return text + more if math.isfinite(value) else text
 
 
 def _limit(value: float, assumed: bool) -> str:
@@ -406,6 +414,15 @@ def _limit(value: float, assumed: bool) -> str:
     return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
 
 
-def _span(values: Array) -> str:
-    low, high = (f"{x:.0f}".replace("inf", "endless") for x in (np.min(values), np.max(values)))
+def _spans(arm: Arm, values: Array) -> str:
+    """Least to largest of a limit: of revolute joints in degrees, of prismatic ones in metres."""
+    slides = np.array([unit == "m" for unit in arm.joint_units])
+    turning, sliding = np.degrees(values[~slides]), values[slides]
+    texts = [_span(turning, ".0f")] if turning.size else []
+    texts += [f"{_span(sliding, '.3g')} m"] if sliding.size else []
+    return "; ".join(texts)
+
+
+def _span(values: Array, style: str) -> str:
+    low, high = (format(x, style).replace("inf", "endless") for x in (values.min(), values.max()))
     return low if low == high else f"{low} to {high}"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -11,9 +12,12 @@ from rcmqp.cli import console
 from rcmqp.cli.console import out
 from rcmqp.cli.options import AsJson, FlangeOption
 from rcmqp.controllers import CONTROLLERS, controller_options
-from rcmqp.errors import UnknownName
+from rcmqp.errors import PluginError, UnknownName
 from rcmqp.runs.loading import scenario_module, scenario_names
+from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names, load_arm
+
+T = TypeVar("T")
 
 
 def arms(
@@ -23,9 +27,13 @@ def arms(
 ) -> None:
     """List the arms with joints, reach, limits and licence; or one arm's joints.
 
-    [NAME] may also be the path of a URDF, with --flange.
+    [NAME] may also be the path of an arm's file, my_robot.toml, or of a URDF, with --flange: then
+    what was loaded is shown, and what was assumed.
     """
-    chosen = [load_arm(each, flange) for each in ([name] if name else arm_names())]
+    if name is None:
+        chosen = list(_usable(arm_names(), lambda each: load_arm(each, flange)).values())
+    else:
+        chosen = [load_arm(name, flange)]
     if as_json:
         console.print_json([console.arm_json(arm) for arm in chosen])
     elif name is None:
@@ -36,11 +44,12 @@ def arms(
 
 def scenarios(as_json: AsJson = False) -> None:
     """List the scenarios."""
-    about = {name: _first_line(scenario_module(name)) for name in scenario_names()}
+    modules = _usable(scenario_names(), scenario_module)
+    about = {name: _first_line(module) for name, module in modules.items()}
     if as_json:
         console.print_json(about)
         return
-    console.print_table(("name", "what happens"), about.items())
+    out.print(Table(("name", "what happens"), list(about.items()), words=2))
 
 
 def controllers(
@@ -48,10 +57,12 @@ def controllers(
     as_json: AsJson = False,
 ) -> None:
     """List the controllers with their options (for --set) and defaults; or explain one."""
-    names = list(CONTROLLERS) if name is None else [name.replace("-", "_")]
-    for each in names:
-        if each not in CONTROLLERS:
-            raise UnknownName("controller", each, CONTROLLERS)
+    if name is None:
+        names = list(_usable(CONTROLLERS, CONTROLLERS.__getitem__))
+    else:
+        names = [name.replace("-", "_")]
+        if names[0] not in CONTROLLERS:
+            raise UnknownName("controller", names[0], CONTROLLERS)
     if as_json:
         console.print_json({each: controller_options(each) for each in names})
     elif name is not None:
@@ -64,8 +75,19 @@ def controllers(
                 for option, default in controller_options(each).items()
             )
             rows.append((each, _first_line(inspect.getmodule(CONTROLLERS[each])), options))
-        console.print_table(("name", "what it is", "options"), rows)
+        out.print(Table(("name", "what it is", "options"), rows, words=3))
         out.print("rcmqp controllers NAME explains one.", style="dim")
+
+
+def _usable(names: Iterable[str], load: Callable[[str], T]) -> dict[str, T]:
+    """What can be loaded, by name; standard error says which plug-ins cannot be."""
+    found = {}
+    for name in names:
+        try:
+            found[name] = load(name)
+        except PluginError as error:
+            console.err.print(f"left out: {error}", markup=False, highlight=False)
+    return found
 
 
 def _text(value: Any) -> str:

@@ -10,11 +10,13 @@ import typer
 from rcmqp.cli.console import out
 from rcmqp.controllers import Controller
 from rcmqp.controllers.settings import options_of
+from rcmqp.errors import OptionError
+from rcmqp.world.loading import arm_names, names_its_flange
 
 
 def loopback(
     minutes: Annotated[float, typer.Option("--minutes", "-m", help="How long.")] = 0.2,
-    arm: Annotated[str, typer.Option("--arm", "-a", help="Name (see rcmqp arms).")] = "panda",
+    arm: Annotated[str, typer.Option("--arm", "-a", help="Name, or an arm's .toml.")] = "panda",
     controller: Annotated[
         str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
     ] = "dual_quaternion",
@@ -45,6 +47,11 @@ def loopback(
     from rcmqp.realtime.loopback import run_loopback
     from rcmqp.runs.loop_record import LoopRecorder
 
+    if not names_its_flange(arm):
+        raise OptionError(
+            f"--arm {arm}: give a name, one of {', '.join(arm_names())}, or an arm's file, "
+            "my_robot.toml, which says which frame of a URDF carries the instrument"
+        )
     options = options_of(controller, settings or [])
 
     def recorder(made: Controller) -> LoopRecorder | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,8 @@ import typer
 from rcmqp.errors import OptionError
 from rcmqp.references.governor import Governor
 from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.instrument import Vector3, vector3
+from rcmqp.world.port import Port
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 FlangeOption = Annotated[
@@ -20,6 +23,15 @@ GovernorOption = Annotated[
     typer.Option(
         "--governor/--no-governor",
         help="Slow the path down where the tip falls behind, or not; the scenario's, without it.",
+    ),
+]
+PlannerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--planner-from",
+        metavar="reference|measured",
+        help="Where the path planner starts: at the last reference, or at the measured pose; the "
+        "scenario's, without it.",
     ),
 ]
 AccelerationOption = Annotated[
@@ -38,14 +50,87 @@ JerkOption = Annotated[
         "each; inf for none.",
     ),
 ]
+Trocar = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Where the incision is, in the world, in m; a start is searched, unless --tolerance "
+        "is given.",
+    ),
+]
+Axis = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="With --trocar: direction into the patient; straight down without it, or with "
+        "--tolerance the shaft's own.",
+    ),
+]
+Depth = Annotated[
+    float | None,
+    typer.Option(metavar="M", help="How far inside the tip starts, in m; the scenario's."),
+]
+Cone = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", help="How far the shaft may tilt from the axis; the scenario's."),
+]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        metavar="MM",
+        help="With --trocar: the arm stays at its start, and the trocar may be measured up to "
+        "this far off the shaft.",
+    ),
+]
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
 Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
 
 
-def governor_change(governor: bool | None) -> dict[str, Any]:
-    """The change of a scenario that --governor or --no-governor asks for."""
-    return {} if governor is None else {"governor": Governor() if governor else None}
+def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
+    """The changes of a scenario that were asked for; None is none.
+
+    Args:
+        governor: whether there is to be one.
+        changes: fields of Scenario.
+    """
+    given = {name: value for name, value in changes.items() if value is not None}
+    return given if governor is None else given | {"governor": Governor() if governor else None}
+
+
+def port_of(
+    trocar: str | None,
+    axis: str | None,
+    depth: float | None,
+    cone: float | None,
+    tolerance: float | None,
+) -> dict[str, Any]:
+    """The port that was given, as load_scenario() takes it, out of texts, degrees and mm."""
+    if all(each is None for each in (trocar, axis, depth, cone, tolerance)):
+        return {}
+    if cone is not None and not 0.0 < cone < 180.0:
+        raise OptionError(f"--cone {cone:g}: give an angle between 0 and 180 degrees")
+    if depth is not None and not 0.0 < depth < 1.0:
+        raise OptionError(f"--depth {depth:g}: it is in m; give one below 1, such as 0.1")
+    port = Port(
+        pivot=None if trocar is None else _vector("trocar", trocar, 10.0),
+        axis=None if axis is None else _vector("axis", axis, math.inf),
+        depth=depth,
+        cone=None if cone is None else math.radians(cone),
+        tolerance=None if tolerance is None else 1e-3 * tolerance,
+    )
+    return {"port": port}
+
+
+def _vector(name: str, text: str, most: float) -> Vector3:
+    """Three numbers out of a text; lengths above ``most`` are not taken for m."""
+    try:
+        values = vector3(name, [float(part) for part in text.split(",")])
+    except (ValueError, OptionError) as error:
+        raise OptionError(f"--{name} {text}: give three numbers, such as 0.4,0,0.1") from error
+    if max(map(abs, values)) > most:
+        raise OptionError(f"--{name} {text}: it is in m; are these millimetres?")
+    return values
 
 
 def limits_of(acceleration: str | None, jerk: str | None) -> ArmLimits:

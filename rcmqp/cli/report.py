@@ -25,8 +25,8 @@ def report(
       rcmqp report paper.h5 qp.h5 --out study
 
     The folder gets index.html, which works offline and from any place the folder is copied to;
-    the same as Markdown and CSV; figures as PNG and PDF; and for each scenario and arm a page to
-    play its runs in and the scenario itself.
+    the same as Markdown, CSV and LaTeX (booktabs); figures as PNG and PDF; and for each scenario
+    and arm a page to play its runs in and the scenario itself.
     """
     from rcmqp.show.report.build import write_report  # matplotlib takes long to import
 

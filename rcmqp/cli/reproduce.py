@@ -9,7 +9,16 @@ import typer
 
 from rcmqp.cli import console
 from rcmqp.cli.console import out
-from rcmqp.cli.options import JOBS, AsJson
+from rcmqp.cli.options import (
+    JOBS,
+    AsJson,
+    Axis,
+    Cone,
+    Depth,
+    Tolerance,
+    Trocar,
+    port_of,
+)
 from rcmqp.cli.study import OPERATORS, PRACTICE, SEED, reproduce_b
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.runs.metrics import compute_metrics
@@ -35,6 +44,11 @@ def reproduce(
             "for each operator.",
         ),
     ] = False,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     practice: Annotated[float | None, PRACTICE] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -56,15 +70,16 @@ def reproduce(
     for option, value in idle.items():
         if value is not None:
             raise OptionError(f"{option} is not for experiment {experiment.lower()}")
+    port = port_of(trocar, axis, depth, cone, tolerance).get("port")
     if experiment.lower() == "b":
         people = 20 if operators is None else operators
         processes = 1 if jobs is None else jobs
-        reproduce_b(folder, people, seed or 0, processes, as_json, factors, practice)
+        reproduce_b(folder, people, seed or 0, processes, as_json, factors, practice, port)
         return
     from rcmqp.experiments.experiment_a import reproduce_a
 
     with console.bar(quiet=as_json) as advance:
-        found = reproduce_a(folder, duration=duration, progress=advance)
+        found = reproduce_a(folder, duration=duration, port=port, progress=advance)
     if as_json:
         runs = [*found.runs, *found.rivals]
         console.print_json([console.run_json(each, compute_metrics(each)) for each in runs])

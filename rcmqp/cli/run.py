@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -11,11 +11,18 @@ from rcmqp.cli import console
 from rcmqp.cli.options import (
     AccelerationOption,
     AsJson,
+    Axis,
+    Cone,
+    Depth,
     FlangeOption,
     GovernorOption,
     JerkOption,
-    governor_change,
+    PlannerOption,
+    Tolerance,
+    Trocar,
     limits_of,
+    port_of,
+    scenario_changes,
 )
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import options_of
@@ -26,6 +33,7 @@ from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate
+from rcmqp.world.ease import ease_at
 from rcmqp.world.loading import arm_names
 
 
@@ -36,7 +44,10 @@ def run(
     arm: Annotated[
         str | None,
         typer.Option(
-            "--arm", "-a", help="Name (see rcmqp arms), or a URDF's path; lwa3 without it."
+            "--arm",
+            "-a",
+            help="Name (see rcmqp arms), or the path of an arm's .toml or of a URDF; lwa3 without "
+            "it.",
         ),
     ] = None,
     controller: Annotated[
@@ -48,6 +59,11 @@ def run(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     period: Annotated[
         float | None,
         typer.Option(help="Sampling period T in s; the scenario's, 0.001, without it."),
@@ -61,6 +77,7 @@ def run(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
     governor: GovernorOption = None,
+    planner_from: PlannerOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -79,7 +96,11 @@ def run(
 
       rcmqp run conical_helix --set feed_forward=true --set velocity_limit=scale --json
 
+      rcmqp run conical_helix --arm my_robot.toml
+
       rcmqp run conical_helix --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
+
+      rcmqp run circle --arm panda --trocar 0.45,0.1,0.2 --depth 0.12
 
       rcmqp run fast_helix --controller hierarchical_qp --governor
     """
@@ -90,11 +111,18 @@ def run(
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
         options["gain"] = gain
-    changes: dict[str, Any] = {"period": period, "duration": duration, "seed": seed}
-    given = {name: value for name, value in changes.items() if value is not None}
-    given |= governor_change(governor) | limits_of(acceleration, jerk).given()
+    given = (
+        scenario_changes(
+            governor, period=period, duration=duration, seed=seed, planner_from=planner_from
+        )
+        | limits_of(acceleration, jerk).given()
+        | port_of(trocar, axis, depth, cone, tolerance)
+    )
     chosen = load_scenario(scenario, arm, flange=flange, **given)
-    made = make_controller(controller, chosen.insertion(), chosen.period, **options)
+    insertion = chosen.insertion()
+    if trocar is not None and tolerance is None and not as_json:
+        console.err.print(f"start: {ease_at(insertion)}", highlight=False, soft_wrap=True)
+    made = make_controller(controller, insertion, chosen.period, **options)
     if file is not None:
         check_replaceable(file)
     with console.bar(quiet=as_json) as advance:

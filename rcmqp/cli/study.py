@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rcmqp.cli import console
 from rcmqp.cli.console import out
-from rcmqp.cli.options import AccelerationOption, FlangeOption, JerkOption, Jobs, limits_of
+from rcmqp.cli.options import (
+    AccelerationOption,
+    Axis,
+    Cone,
+    Depth,
+    FlangeOption,
+    JerkOption,
+    Jobs,
+    Tolerance,
+    Trocar,
+    limits_of,
+    port_of,
+)
+from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
 
 if TYPE_CHECKING:
     from rcmqp.experiments.study.outcome import Outcome
+    from rcmqp.world.port import Port
 
 OPERATORS = typer.Option(help="How many simulated people, 20 without it; novices take turns.")
 SEED = typer.Option(help="Of everything random; 0 without it.")
@@ -39,7 +53,12 @@ def study(
     ] = None,
     controller: Annotated[
         list[str] | None,
-        typer.Option("--controller", "-c", help="Name; may be repeated; dual_quaternion."),
+        typer.Option(
+            "--controller",
+            "-c",
+            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated; dual_quaternion "
+            "without it.",
+        ),
     ] = None,
     gain: Annotated[
         list[float] | None, typer.Option(help="K in 1/s; may be repeated: each is a controller.")
@@ -51,6 +70,11 @@ def study(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    trocar: Trocar = None,
+    axis: Axis = None,
+    depth: Depth = None,
+    cone: Cone = None,
+    tolerance: Tolerance = None,
     practice: Annotated[float | None, PRACTICE] = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
@@ -66,6 +90,8 @@ def study(
 
       rcmqp study camera_task -a lwa3 -a panda -c dual_quaternion -c hierarchical_qp
 
+      rcmqp study camera_task -c dual_quaternion -c dual_quaternion:feed_forward=true
+
     Each trial is a file of its own in the folder; a study that is stopped goes on where it was
     when the same command is given again. The table does not depend on the number of jobs.
 
@@ -80,22 +106,34 @@ def study(
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder)
         return
-    gains: list[float | None] = [*gain] if gain else [None]
     given = {} if period is None else {"period": period}
     laws = [
-        Law(name, options=() if k is None else (("gain", k),), **given)
-        for name in controller or ["dual_quaternion"]
-        for k in gains
+        Law(name, options=tuple(options.items()), **given)
+        for name, options in _settings(controller or ["dual_quaternion"], gain or [])
     ]
     arms = tuple(arm or [""])
     limits = limits_of(acceleration, jerk)
     learning = learning_of(practice)
-    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits, learning)
+    port = port_of(trocar, axis, depth, cone, tolerance).get("port")
+    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits, learning, port)
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder, jobs=jobs, progress=advance)
     text, files = write_tables(performed)
     files += write_figures(performed)
     _print(performed.outcomes, performed.notes, [text], files, as_json)
+
+
+def _settings(
+    controllers: Sequence[str], gains: Sequence[float]
+) -> list[tuple[str, dict[str, Any]]]:
+    """Name and options of each controller, once with each gain."""
+    made = [controller_of(setting) for setting in controllers]
+    for name, options in made:
+        if gains and "gain" in options:
+            raise OptionError(f"the gain of {name} is given twice, by --gain and by -c")
+    if not gains:
+        return made
+    return [(name, options | {"gain": k}) for name, options in made for k in gains]
 
 
 def reproduce_b(
@@ -106,6 +144,7 @@ def reproduce_b(
     as_json: bool,
     factors: bool,
     practice: float | None,
+    port: Port | None = None,
 ) -> None:
     """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
     from rcmqp.experiments.study import experiment_b  # joblib and SciPy take long to import
@@ -118,6 +157,7 @@ def reproduce_b(
             jobs=jobs,
             factors=factors,
             learning=learning_of(practice),
+            port=port,
             progress=advance,
         )
     studies = [found.performed, *([found.factorial] if found.factorial else [])]
@@ -142,7 +182,7 @@ def _print(
     from rcmqp.experiments.study.record import plain
 
     for note in notes:
-        console.err.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+        console.print_note(note)
     if as_json:
         console.print_json([plain(outcome) for outcome in outcomes])
     else:

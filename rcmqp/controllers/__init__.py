@@ -1,7 +1,7 @@
 """Controllers: from where the arm is and where it should be to a joint velocity.
 
-A new controller is a dataclass derived from Controller, added to CONTROLLERS under its name; its
-fields, but the first two, are its options, on the command line too.
+A new controller is a dataclass derived from Controller, added to CONTROLLERS under its name, or by
+a plug-in; its fields, but the first two, are its options, on the command line too.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from rcmqp.controllers.vfi_qp import VfiQP
 from rcmqp.controllers.weighted_qp import WeightedQP
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.world.insertion import Insertion
+from rcmqp.world.plugins import Registry
 
-CONTROLLERS: dict[str, type[Controller]] = {
+_OWN: dict[str, type[Controller]] = {
     "dual_quaternion": DualQuaternion,
     "hierarchical_qp": HierarchicalQP,
     "weighted_qp": WeightedQP,
@@ -32,6 +33,8 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "aghakhani": Aghakhani,
     "vfi_qp": VfiQP,
 }
+
+CONTROLLERS: Registry[Controller] = Registry("rcmqp.controllers", _OWN, Controller)
 
 
 def make_controller(name: str, insertion: Insertion, period: float, **options: Any) -> Controller:
@@ -45,6 +48,7 @@ def make_controller(name: str, insertion: Insertion, period: float, **options: A
 
     Raises:
         UnknownName: the controller is not known, or does not have the option.
+        PluginError: it is a plug-in's, which cannot be used.
         OptionError: an option's value is not allowed, or the class goes by another name.
     """
     name = name.replace("-", "_")

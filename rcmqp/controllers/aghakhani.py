@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -9,12 +10,27 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import at_rest, check_between, check_gain
+from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.pseudoinverse import in_order
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import between
 from rcmqp.references.view import Reference
 from rcmqp.tasks import TipTask
 from rcmqp.world.arm import ArmState
+
+
+class ShaftParameter:
+    """The state of the law.
+
+    Attributes:
+        value: lambda at the next step; None where that step is to start from the projection.
+    """
+
+    __slots__ = ("value",)
+
+    def __init__(self) -> None:
+        """Before the first step."""
+        self.value: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,32 +84,26 @@ class Aghakhani(Controller):
     name: ClassVar[str] = "aghakhani"
     enforces: ClassVar[tuple[str, ...] | None] = ()
 
-    gain: float = 60.0
-    rcm_gain: float = 60.0
-    lambda_gain: float = 0.0
-    lambda_rest: float = 0.5
-    tolerance: float = 1e-3
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    rcm_gain: float = field(default=60.0, metadata=bounded_gain())
+    lambda_gain: float = field(default=0.0, metadata=bounded_gain(or_zero=True))
+    lambda_rest: float = field(default=0.5, metadata=between(0.0, 1.0))
+    tolerance: float = field(default=1e-3, metadata=between(0.0, 1.0))
     rcm_first: bool = False
     reproject: bool = False
     feed_forward: bool = False
-    _tip: TipTask = field(init=False, repr=False)
-    _lambda: list[float] = field(init=False, repr=False, default_factory=list)
 
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        check_gain("rcm_gain", self.rcm_gain, self.period)
-        if self.lambda_gain != 0.0:
-            check_gain("lambda_gain", self.lambda_gain, self.period)
-        check_between("lambda_rest", self.lambda_rest, 0.0, 1.0)
-        check_between("tolerance", self.tolerance, 0.0, 1.0)
-        tip = TipTask(self.insertion.tip_depth, gain=self.gain)
-        object.__setattr__(self, "_tip", tip)
+    @functools.cached_property
+    def _lambda(self) -> ShaftParameter:
+        return ShaftParameter()
+
+    @functools.cached_property
+    def _tip(self) -> TipTask:
+        return TipTask(self.insertion.tip_depth, gain=self.gain)
 
     def reset(self) -> None:
         """Forget lambda; the next step starts it from the projection."""
-        self._lambda.clear()
+        self._lambda.value = None
 
     def safe_stop(self, *args: Any, **kwargs: Any) -> Command:
         """See Controller.safe_stop(); lambda then starts anew, from the projection."""
@@ -107,10 +117,9 @@ class Aghakhani(Controller):
         p_i, J_i = shaft_point(state, tip_depth - self.insertion.instrument.length)
         p_next, J_next = shaft_point(state, tip_depth)
         along = p_next - p_i
-        if self.reproject or not self._lambda:
+        lam = self._lambda.value
+        if self.reproject or lam is None:
             lam = float((reference.pivot - p_i) @ along / (along @ along))
-        else:
-            lam = self._lambda[0]
         p_rcm = p_i + lam * along
         J_rcm = np.column_stack([J_i + lam * (J_next - J_i), along])
         b_rcm = self.rcm_gain * (reference.pivot - p_rcm) + reference.pivot_dot
@@ -124,7 +133,7 @@ class Aghakhani(Controller):
         else:
             levels = [(np.vstack([J_t, J_rcm]), np.concatenate([b_t, b_rcm]))]
         u, least = in_order(levels, w, self.tolerance)
-        self._lambda[:] = [lam + self.period * float(u[-1])]
+        self._lambda.value = lam + self.period * float(u[-1])
         return Command(u[:-1].copy(), {"lambda": lam, "least_singular_value": least})
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from rcmqp._kernel import all_finite, record
 from rcmqp.controllers.account import explained
 from rcmqp.controllers.braking import Brake
-from rcmqp.controllers.checks import as_numbers, fault, is_usable
+from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import HierarchySolution, InvalidProblem
+from rcmqp.maths.options import check, positive, refused
+from rcmqp.qp import HierarchySolution, InvalidProblem, WrongShape
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
@@ -42,17 +42,19 @@ class Command:
         account: what the controller's solver says of the step, for whoever asks; None where
             there is none.
         stop: why this is the safe stop, in words; empty where it is not.
+        error: what the law raised, where that is why.
     """
 
     v: Array
     diagnostics: dict[str, float] = field(default_factory=dict)
     account: object | None = None
     stop: str = ""
+    error: Exception | None = None
 
     @classmethod
     def of(cls, v: Array, diagnostics: dict[str, float], account: object | None = None) -> Self:
         """Command(v, diagnostics, account), in a third of the time."""
-        return record(cls, v, diagnostics, account, "")
+        return record(cls, v, diagnostics, account, "", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class Controller(abc.ABC):
     enforces: ClassVar[tuple[str, ...] | None] = None
 
     insertion: Insertion
-    period: float
+    period: float = field(metadata=positive("s"))
 
     def __init_subclass__(cls, **options: Any) -> None:
         """No class goes by the name of the one that it derives from."""
@@ -92,16 +94,16 @@ class Controller(abc.ABC):
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
 
     def __post_init__(self) -> None:
-        """Check the period, and that each option is of its default's kind.
+        """Check that each option is of its default's kind, and as its field declares.
 
         Raises:
-            OptionError: one is not.
+            OptionError, UnknownName: one is not.
         """
         for item in dataclasses.fields(self):
             if item.init and isinstance(item.default, bool | float | str):
                 _check_kind(item.name, getattr(self, item.name), type(item.default))
-        if not 0.0 < self.period < math.inf:
-            raise OptionError(f"period = {self.period} s, it must be positive")
+        check(self)
+        check_gains(self, self.period)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -123,7 +125,11 @@ class Controller(abc.ABC):
         """Forget the run so far."""
 
     def step(self, state: ArmState, reference: Reference) -> Command:
-        """The joint velocity to hold until the next cycle: the law's, or the safe stop."""
+        """The joint velocity to hold until the next cycle: the law's, or the safe stop.
+
+        Raises:
+            WrongShape: the law, a task or a limit has an array of a wrong shape.
+        """
         if not is_usable(state, reference):
             state, reference = as_numbers(state, reference)
             wrong = fault(state, reference)
@@ -131,8 +137,11 @@ class Controller(abc.ABC):
                 return self.safe_stop(state, wrong)
         try:
             answer = self._step(state, reference)
+        except WrongShape:
+            raise
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
-            return self.safe_stop(state, f"{type(error).__name__}: {error}")
+            stop = self.safe_stop(state, f"{type(error).__name__}: {error}")
+            return dataclasses.replace(stop, error=error)
         if not all_finite(answer.v) or float(np.abs(answer.v).max()) > ABSURD:
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
@@ -183,4 +192,4 @@ class Controller(abc.ABC):
 def _check_kind(name: str, value: object, kind: type) -> None:
     allowed: dict[type, tuple[type, ...]] = {bool: (bool,), float: (float, int), str: (str,)}
     if not isinstance(value, allowed[kind]) or (kind is float and isinstance(value, bool)):
-        raise OptionError(f"{name} = {value!r}, it must be a {kind.__name__}")
+        raise refused(name, value, f"a {kind.__name__}")

@@ -12,11 +12,48 @@ from rcmqp._kernel import all_finite, usable
 from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import Metadata, at_least, declared, positive
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 
 UNIT_TOLERANCE = 1e-6
 """How far x_d may be from a unit dual quaternion."""
+
+
+TIMES_PERIOD = "times period"
+
+
+def bounded_gain(
+    *, below: float = 2.0, up_to: float = math.inf, or_zero: bool = False
+) -> Metadata:
+    """A gain [1/s] whose product with the sampling period is bounded, see check_gains().
+
+    Args:
+        below: bound of the product that it must not reach; from 2 on a law is unstable, and
+            above 1 it overshoots.
+        up_to: bound of the product that it may reach.
+        or_zero: whether the gain may be 0.
+    """
+    own = at_least(0.0, "1/s") if or_zero else positive("1/s")
+    return {**own, TIMES_PERIOD: (below, up_to)}
+
+
+def check_gains(law: object, period: float) -> None:
+    """Refuse a gain of a law that is too high for a sampling period [s].
+
+    Raises:
+        OptionError: with the numbers.
+    """
+    for name, (below, up_to) in declared(type(law), TIMES_PERIOD).items():
+        value = getattr(law, name)
+        product = value * period
+        if not (product < below and product <= up_to):
+            most = f"below {below:g}" if below <= up_to else f"at most {up_to:g}"
+            wrong = "the law is unstable" if min(below, up_to) > 1.0 else "its limit is overrun"
+            raise OptionError(
+                f"{name} * period = {value} 1/s * {period} s = {product:.3g}, it must be {most}, "
+                f"or {wrong}: give a lower {name}, or sample faster"
+            )
 
 
 def check_gain(name: str, gain: float, period: float) -> None:
@@ -54,16 +91,6 @@ def check_not_negative(name: str, value: float) -> None:
     """
     if not 0.0 <= value < math.inf:
         raise OptionError(f"{name} = {value}, it must be 0 or more, and finite")
-
-
-def check_between(name: str, value: float, low: float, high: float) -> None:
-    """Refuse what is not strictly between two numbers.
-
-    Raises:
-        OptionError: with the name and the value.
-    """
-    if not low < value < high:
-        raise OptionError(f"{name} = {value}, it must lie between {low:g} and {high:g}")
 
 
 def is_usable(state: ArmState, reference: Reference) -> bool:
@@ -105,7 +132,7 @@ def fault(state: ArmState, reference: Reference) -> str:
         if not all_finite(values):
             return f"{name} of the reference is not finite"
     if not dq.is_unit(reference.x_d, UNIT_TOLERANCE):
-        return "x_d of the reference is no pose"
+        return f"x_d of the reference is no pose to {UNIT_TOLERANCE:g}: give it to normalized()"
     return ""
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import at_rest, check_gain
+from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import positive
 from rcmqp.references.view import Reference
 from rcmqp.tasks import PoseTask
-from rcmqp.tasks.base import check_positive
 from rcmqp.world.arm import ArmState
 
 
@@ -62,20 +63,15 @@ class Damped(Controller):
     name: ClassVar[str] = "damped"
     enforces: ClassVar[tuple[str, ...] | None] = ()
 
-    gain: float = 60.0
-    lambda_max: float = 0.05
-    epsilon: float = 0.02
-    beta: float = 1e-3
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    lambda_max: float = field(default=0.05, metadata=positive())
+    epsilon: float = field(default=0.02, metadata=positive())
+    beta: float = field(default=1e-3, metadata=positive())
     feed_forward: bool = False
-    _pose: PoseTask = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        for option in ("lambda_max", "epsilon", "beta"):
-            check_positive(option, getattr(self, option))
-        object.__setattr__(self, "_pose", PoseTask(gain=self.gain))
+    @functools.cached_property
+    def _pose(self) -> PoseTask:
+        return PoseTask(gain=self.gain)
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""

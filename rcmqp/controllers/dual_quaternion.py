@@ -3,29 +3,48 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rcmqp import _kernel
+from rcmqp._kernel import Block
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_not_negative
+from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import Given
 from rcmqp.controllers.pseudoinverse import SingularValues
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import C8, Array
+from rcmqp.maths.options import at_least, between, finite, one_of, positive
 from rcmqp.references.view import Reference
+from rcmqp.tasks.base import block_of
 from rcmqp.tasks.objectives import Objective, make_objective
 from rcmqp.world.arm import ArmState
 
 VELOCITY_LIMITS = ("none", "scale", "clip")
 RANK_TOLERANCE = 1e-12
 """Share of s_1 above which a direction of N is real, and no nullspace, if N^+ gives it up too."""
+
+
+class Compiled(NamedTuple):
+    """What compiled code needs besides state and reference.
+
+    Attributes:
+        objective: its compiled form; None where only Python knows it.
+        numbers: (7,) the options and RANK_TOLERANCE, in the order that the kernel reads.
+        speeds: (nv,) speed limits of the joints [rad/s].
+        velocity_limit: index of the option in VELOCITY_LIMITS.
+    """
+
+    objective: Block | None
+    numbers: Array
+    speeds: Array
+    velocity_limit: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +79,7 @@ class DualQuaternion(Controller):
             paper's 7. 0 leaves the nullspace alone.
         c_d: desired value of the objective; the paper's 1.
         objective: singularity_product, manipulability, least_singular_value or joint_centring;
-            empty for the arm's own, as above.
+            empty for the arm's own, as above; ``options`` has its name.
         tolerance: relative cut-off of N^+: a direction whose singular value is below
             ``tolerance`` times the largest is given up. It keeps numbers finite and no more: the
             pose error's share of v stays below K |e| / (tolerance s_1), which no arm can follow
@@ -86,58 +105,56 @@ class DualQuaternion(Controller):
         "scale": ("1", "share of the wished speed that velocity_limit left"),
     }
 
-    gain: float = 60.0
-    K_c: float = 7.0
-    c_d: float = 1.0
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    K_c: float = field(default=7.0, metadata=at_least(0.0))
+    c_d: float = field(default=1.0, metadata=finite())
     objective: str = ""
-    tolerance: float = 1e-7
+    tolerance: float = field(default=1e-7, metadata=between(0.0, 1.0))
     feed_forward: bool = False
-    damping: float = 0.0
-    damping_from: float = 0.02
-    velocity_limit: str = "none"
-    _objective: Objective = field(init=False, repr=False)
-    _aim: tuple[int, *tuple[Array, ...]] | None = field(init=False, repr=False)
-    _numbers: Array = field(init=False, repr=False)
-    _speeds: Array = field(init=False, repr=False)
-    _limited: int = field(init=False, repr=False)
+    damping: float = field(default=0.0, metadata=at_least(0.0))
+    damping_from: float = field(default=0.02, metadata=positive())
+    velocity_limit: str = field(default="none", metadata=one_of("velocity_limit", VELOCITY_LIMITS))
 
     def __post_init__(self) -> None:
-        """Check the options and make the objective.
+        """Check the options and the arm, and make the objective.
 
         Raises:
             OptionError: an option's value is not allowed.
             UnknownName: there is no such objective.
         """
         super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        check_not_negative("K_c", self.K_c)
-        check_not_negative("damping", self.damping)
-        if not math.isfinite(self.c_d):
-            raise OptionError(f"c_d = {self.c_d}, it must be finite")
-        if not 0.0 < self.tolerance < 1.0:
-            raise OptionError(f"tolerance = {self.tolerance}, it must lie between 0 and 1")
-        if not self.damping_from > 0.0:
-            raise OptionError(f"damping_from = {self.damping_from}, it must be positive")
-        if self.velocity_limit not in VELOCITY_LIMITS:
-            raise UnknownName("velocity_limit", self.velocity_limit, VELOCITY_LIMITS)
         arm = self.insertion.arm
         if arm.nv < 6:
             raise OptionError(
                 f"{arm.name} has {arm.nv} joints; the law controls position and orientation at "
                 "one priority and needs six or more"
             )
-        own = "manipulability" if arm.srs_offsets is None else "singularity_product"
-        object.__setattr__(self, "objective", self.objective or own)
-        objective = make_objective(self.objective, arm)
-        compiled = objective.program()
-        object.__setattr__(self, "_objective", objective)
-        object.__setattr__(self, "_aim", compiled and (compiled[0], *compiled[1]))
-        object.__setattr__(self, "_speeds", arm.velocity)
+        _ = self._objective, self._compiled  # made before the first cycle
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options; the objective is the arm's own where none was given."""
+        return super().options | {"objective": self._objective_name}
+
+    @property
+    def _objective_name(self) -> str:
+        special = self.insertion.arm.srs_offsets is not None
+        own = "singularity_product" if special else "manipulability"
+        return self.objective or own
+
+    @functools.cached_property
+    def _objective(self) -> Objective:
+        return make_objective(self._objective_name, self.insertion.arm)
+
+    @functools.cached_property
+    def _compiled(self) -> Compiled:
         options = (self.gain, self.K_c, self.c_d, self.tolerance, self.damping, self.damping_from)
-        numbers = np.array([*options, RANK_TOLERANCE])
-        numbers.setflags(write=False)
-        object.__setattr__(self, "_numbers", numbers)
-        object.__setattr__(self, "_limited", VELOCITY_LIMITS.index(self.velocity_limit))
+        return Compiled(
+            block_of(self._objective),
+            np.array([*options, RANK_TOLERANCE]),
+            self.insertion.arm.velocity,
+            VELOCITY_LIMITS.index(self.velocity_limit),
+        )
 
     @property
     def given(self) -> Given:
@@ -147,17 +164,18 @@ class DualQuaternion(Controller):
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law at ``state``, compiled; see Controller.step()."""
+        law = self._compiled
         v, c, sigma_6, rank, scale = _kernel.law(
             state.x,
             state.J_local,
             state.angles,
             reference.x_d,
             reference.x_d_dot,
-            self._aim or (None, *self._objective.evaluate(state)),
-            self._numbers,
-            self._speeds,
+            law.objective or self._objective.evaluate(state),
+            law.numbers,
+            law.speeds,
             self.feed_forward,
-            self._limited,
+            law.velocity_limit,
         )
         numbers = {"objective": c, "sigma_6_of_N": sigma_6, "rank": rank, "scale": scale}
         return Command.of(v, numbers)

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from rcmqp import _kernel
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
 from rcmqp.controllers.given import JOINT_LIMITS, Given
-from rcmqp.controllers.program import LevelOfTasks, Program
+from rcmqp.controllers.stack import LevelOfTasks, Stack
 from rcmqp.errors import OptionError
-from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, combine
-from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import Hierarchy, HierarchySolution, Level
-from rcmqp.qp.levels import Answer
+from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth
+from rcmqp.qp import Bounds, Level
 from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
-from rcmqp.tasks.base import Approach
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -40,6 +35,15 @@ ABLE = 3.5
 The decelerations of a weaker arm are in proportion: its joints' limits come first, and with 0.2
 m/s^2 the LWA3 (1.7 rad/s^2) went 0.5 mm past the end of its depth range.
 """
+
+
+NUMBERS = {
+    "exact": ("1", "1 where every level is the optimum to rounding"),
+    "joints_at_limit": ("1", "joints at a bound of their box"),
+    "violation": ("m/s, rad/s", "largest excess of a hard row"),
+    "kkt": ("1", "largest residual of the levels' optimality conditions"),
+}
+"""What is recorded of a step, beside a residual for each level: unit and meaning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +115,6 @@ class HierarchicalQP(Controller):
 
     name: ClassVar[str] = "hierarchical_qp"
     feed_forward: ClassVar[bool] = True
-    diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "exact": ("1", "1 where every level is the optimum to rounding"),
-        "joints_at_limit": ("1", "joints at a bound of their box"),
-        "violation": ("m/s, rad/s", "largest excess of a hard row"),
-        "kkt": ("1", "largest residual of the levels' optimality conditions"),
-    }
-
     gain: float = 60.0
     K_c: float = 7.0
     c_d: float = 1.0
@@ -127,15 +124,6 @@ class HierarchicalQP(Controller):
     backend: str = "active_set"
     levels: Sequence[LevelOfTasks] | None = None
     limits: Sequence[Limit] | None = None
-    _levels: tuple[LevelOfTasks, ...] = field(init=False, repr=False)
-    _limits: tuple[Limit, ...] = field(init=False, repr=False)
-    _hierarchy: Hierarchy = field(init=False, repr=False)
-    _program: Program | None = field(init=False, repr=False)
-    _names: tuple[str, ...] = field(init=False, repr=False)
-    _numbers: tuple[str, ...] = field(init=False, repr=False)
-    _braking: Array = field(init=False, repr=False)
-    _able: tuple[Array, Array] = field(init=False, repr=False)
-    _guarded: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options; make levels, limits and the solver.
@@ -149,39 +137,42 @@ class HierarchicalQP(Controller):
         check_gain("gain", self.gain, self.period)
         check_limit_gain(self.limit_gain, self.period)
         check_not_negative("K_c", self.K_c)
-        levels, limits = self.levels, self.limits
-        if levels is None:
-            levels = _levels(self)
-        if not len(levels):
+        if self.levels is not None and not len(self.levels):
             raise OptionError(
                 "levels is empty; give at least one task, or None for the usual ones"
             )
-        if limits is None:
-            limits = default_limits(self.insertion, self.period, self.limit_gain)
-        object.__setattr__(self, "_levels", tuple(levels))
-        object.__setattr__(self, "_limits", tuple(limits))
-        for kinds, items in (((Task, Together), levels), ((Limit,), limits)):
-            for item in items:
+        for kinds, items in (((Task, Together), self.levels), ((Limit,), self.limits)):
+            for item in items or ():
                 if not isinstance(item, kinds):
                     wanted = " or ".join(kind.__name__ for kind in kinds)
                     raise OptionError(f"{item!r} is no {wanted}; levels are tasks, limits limits")
-        hierarchy = Hierarchy(self.backend)
-        program = Program.of(tuple(levels), tuple(limits), self.insertion.arm)
-        names = tuple(level.name for level in levels)
-        object.__setattr__(self, "_hierarchy", hierarchy)
-        object.__setattr__(self, "_program", program)
-        arm = self.insertion.arm
-        able = arm.acceleration, arm.jerk
-        if program is not None:
-            able = np.array(program.joints[3]), np.array(program.joints[4])
-        object.__setattr__(self, "_able", able)
-        object.__setattr__(self, "_braking", np.array([self.period, self.approach]))
-        object.__setattr__(self, "_names", names)
-        numbers = {**_residuals(levels), **type(self).diagnostics}
-        object.__setattr__(self, "diagnostics", numbers)
-        object.__setattr__(self, "_numbers", tuple(numbers))
-        rcm_first = bool(levels) and isinstance(levels[0], RcmTask)
-        object.__setattr__(self, "_guarded", int(rcm_first))
+        _ = self._stack  # made now, so that what is wrong is told now
+
+    @functools.cached_property
+    def _stack(self) -> Stack:
+        levels = _levels(self) if self.levels is None else self.levels
+        limits = self.limits
+        if limits is None:
+            limits = default_limits(self.insertion, self.period, self.limit_gain)
+        return Stack(
+            levels,
+            limits,
+            self.insertion.arm,
+            self.period,
+            approach=self.approach,
+            backend=self.backend,
+            guarded=int(isinstance(levels[0], RcmTask)),
+            numbers=tuple(_diagnostics(levels)),
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The options: what is made of them is made anew."""
+        return {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+
+    @property
+    def diagnostics(self) -> Mapping[str, tuple[str, str]]:  # type: ignore[override]
+        """Unit and meaning of what is recorded of a step: one residual a level, and NUMBERS."""
+        return _diagnostics(self._stack.levels)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -193,73 +184,27 @@ class HierarchicalQP(Controller):
     @property
     def given(self) -> Given:
         """The limits are those of its JointLimits; levels of one's own have gains of their own."""
-        boxes = [limit for limit in self._limits if isinstance(limit, JointLimits)]
+        boxes = [limit for limit in self._stack.limits if isinstance(limit, JointLimits)]
         count = max((4 if box.acceleration else 2 for box in boxes), default=0)
         gain = self.gain if self.levels is None else None
         return dataclasses.replace(super().given, limits=JOINT_LIMITS[:count], gain=gain)
 
     def reset(self) -> None:
         """Forget the solver's warm start."""
-        self._hierarchy.reset()
+        self._stack.reset()
+
+    def problem(self, state: ArmState, reference: Reference) -> tuple[list[Level], Bounds]:
+        """Levels and bounds of a step, number for number, as ``Hierarchy.solve()`` takes them."""
+        return self._stack.problem(state, reference)
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One lexicographic optimum."""
-        if self._program is not None:
-            return self._run(self._program, state, reference)
-        solution = self._hierarchy.solve(
-            self._levels_at(state, reference),
-            combine(self._limits, state, reference, self.insertion.arm.joints),
-            guarded=self._guarded,
-        )
-        return Command(
-            solution.v, dict(zip(self._numbers, solution.summary, strict=True)), solution
-        )
-
-    def _levels_at(self, state: ArmState, reference: Reference) -> list[Level]:
-        """The levels, errors approached no faster than the joints can stop below those above."""
-        nv, made = self.insertion.arm.nv, []
-        above = np.zeros((0, nv))
-        for level in self._levels:
-            approach = Approach(state.v, state.a, *self._able, self.approach, self.period, above)
-            made.append(level.level(state, reference, approach))
-            if made[-1].A.shape[1] == nv:
-                above = np.concatenate([above, made[-1].A])
-        return made
-
-    def _run(self, program: Program, state: ArmState, reference: Reference) -> Command:
-        """The same, rows and all in compiled code."""
-        hierarchy = self._hierarchy
-        v, numbers, summary = _kernel.step(
-            program.tasks,
-            program.vectors,
-            program.ends,
-            program.damping,
-            program.limits,
-            program.joints,
-            self._braking,
-            self._guarded,
-            hierarchy.max_rounds,
-            state.x,
-            state.J_local,
-            state.angles,
-            state.v,
-            state.a,
-            reference.x_d,
-            reference.x_d_dot,
-            reference.pivot,
-            reference.pivot_dot,
-            hierarchy.guess(program.shape),
-            hierarchy.asks,
-            self._numbers,
-        )
-        answer = _kernel.record(Answer, numbers, program.ends, program.n, program.rows)
-        asked = hierarchy.verdicts()
-        solution = _kernel.record(HierarchySolution, v, program.names, answer, self._names, asked)
-        return Command.of(v, summary, solution)
+        v, numbers, solution = self._stack.step(state, reference)
+        return Command.of(v, numbers, solution)
 
 
-def _residuals(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
-    """Name of each level's residual in the record, its unit and meaning; no name comes twice."""
+def _diagnostics(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
+    """NUMBERS, and before them each level's residual, its unit and meaning; no name twice."""
     found: dict[str, tuple[str, str]] = {}
     for level in levels:
         unit = "as weighted" if isinstance(level, Together) else f"{level.unit or 1}/s"
@@ -267,7 +212,7 @@ def _residuals(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
         while name in found:
             name, turn = f"{level.name}_{turn}_residual", turn + 1
         found[name] = unit, f"|A v - b| of the rows of {level.name}"
-    return found
+    return found | NUMBERS
 
 
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:

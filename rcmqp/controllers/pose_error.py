@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import at_rest, check_between, check_gain
+from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.options import between
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 
@@ -47,15 +48,9 @@ class PoseError(Controller):
     name: ClassVar[str] = "pose_error"
     enforces: ClassVar[tuple[str, ...] | None] = ()
 
-    gain: float = 60.0
-    tolerance: float = 1e-3
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    tolerance: float = field(default=1e-3, metadata=between(0.0, 1.0))
     feed_forward: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        check_between("tolerance", self.tolerance, 0.0, 1.0)
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import (
-    at_rest,
-    check_between,
-    check_gain,
-    check_not_negative,
-)
+from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.pseudoinverse import in_order
 from rcmqp.controllers.task_reconstruction import (
     TaskReconstruction,
@@ -21,9 +17,9 @@ from rcmqp.controllers.task_reconstruction import (
     shaft_jacobian,
 )
 from rcmqp.maths.dualquaternion import translation
+from rcmqp.maths.options import at_least, between, finite
 from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, TipTask
-from rcmqp.tasks.base import check_finite
 from rcmqp.tasks.objectives import make_objective
 from rcmqp.world.arm import ArmState
 
@@ -73,19 +69,16 @@ class TaskPriority(Controller):
     name: ClassVar[str] = "task_priority"
     enforces: ClassVar[tuple[str, ...] | None] = ()
 
-    gain: float = 60.0
-    rcm_gain: float = 60.0
-    tolerance: float = 1e-3
-    K_c: float = 0.0
-    c_d: float = 1.0
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    rcm_gain: float = field(default=60.0, metadata=bounded_gain(or_zero=True))
+    tolerance: float = field(default=1e-3, metadata=between(0.0, 1.0))
+    K_c: float = field(default=0.0, metadata=at_least(0.0))
+    c_d: float = field(default=1.0, metadata=finite())
     objective: str = ""
-    reconstruct_from: float = 0.0
-    reconstruct_full: float = 0.5
-    escape: float = 0.0
+    reconstruct_from: float = field(default=0.0, metadata=at_least(0.0))
+    reconstruct_full: float = field(default=0.5, metadata=between(0.0, 1.0))
+    escape: float = field(default=0.0, metadata=at_least(0.0, "m/s"))
     feed_forward: bool = False
-    _tip: TipTask = field(init=False, repr=False)
-    _objective: ObjectiveTask | None = field(init=False, repr=False)
-    _reconstruction: TaskReconstruction | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options and make the tasks.
@@ -95,28 +88,27 @@ class TaskPriority(Controller):
             UnknownName: there is no such objective.
         """
         super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        if self.rcm_gain != 0.0:
-            check_gain("rcm_gain", self.rcm_gain, self.period)
-        check_between("tolerance", self.tolerance, 0.0, 1.0)
-        check_finite("c_d", self.c_d)
-        for option in ("K_c", "reconstruct_from", "escape"):
-            check_not_negative(option, getattr(self, option))
-        check_between("reconstruct_full", self.reconstruct_full, 0.0, 1.0)
-        tip = TipTask(self.insertion.tip_depth, gain=self.gain)
-        object.__setattr__(self, "_tip", tip)
-        objective = None
         if self.objective:
             make_objective(self.objective, self.insertion.arm)  # refuses an unknown name
-        if self.K_c:
-            named = {"objective": self.objective} if self.objective else {}
-            objective = ObjectiveTask.made_for(self.insertion, c_d=self.c_d, K_c=self.K_c, **named)
-        object.__setattr__(self, "_objective", objective)
-        reconstruction = None
-        if self.reconstruct_from:
-            m_1 = self.reconstruct_from * self._manipulability_at_start()
-            reconstruction = TaskReconstruction(m_1, self.reconstruct_full * m_1, self.escape)
-        object.__setattr__(self, "_reconstruction", reconstruction)
+        _ = self._tip, self._objective, self._reconstruction  # made before the first cycle
+
+    @functools.cached_property
+    def _tip(self) -> TipTask:
+        return TipTask(self.insertion.tip_depth, gain=self.gain)
+
+    @functools.cached_property
+    def _objective(self) -> ObjectiveTask | None:
+        if not self.K_c:
+            return None
+        named = {"objective": self.objective} if self.objective else {}
+        return ObjectiveTask.made_for(self.insertion, c_d=self.c_d, K_c=self.K_c, **named)
+
+    @functools.cached_property
+    def _reconstruction(self) -> TaskReconstruction | None:
+        if not self.reconstruct_from:
+            return None
+        m_1 = self.reconstruct_from * self._manipulability_at_start()
+        return TaskReconstruction(m_1, self.reconstruct_full * m_1, self.escape)
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""

@@ -20,13 +20,13 @@ contribute to m' is left as it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, options, positive, refused
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState, kinematic_hessian
 
@@ -34,6 +34,7 @@ SINGULAR = 1e-12
 """Below this share of the largest, a singular value is taken for this when J^+ shows the way."""
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class TaskReconstruction:
     """Takes out of a wanted velocity what leads into a singularity.
@@ -56,16 +57,14 @@ class TaskReconstruction:
         OptionError: not 0 < m_2 < m_1, or the escape is negative.
     """
 
-    m_1: float
-    m_2: float
-    escape: float = 0.0
+    m_1: float = field(metadata=positive())
+    m_2: float = field(metadata=positive())
+    escape: float = field(default=0.0, metadata=at_least(0.0, "m/s"))
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        if not 0.0 < self.m_2 < self.m_1 < np.inf:
-            raise OptionError(f"m_1 = {self.m_1}, m_2 = {self.m_2}; it must be 0 < m_2 < m_1")
-        if not 0.0 <= self.escape < np.inf:
-            raise OptionError(f"escape = {self.escape} m/s, it must be 0 or more, and finite")
+        """Check that it begins before it is complete."""
+        if not self.m_2 < self.m_1:
+            raise refused("m_2", self.m_2, f"below m_1 = {self.m_1}")
 
     def reconstruct(self, wanted: Array, m: float, g: Array) -> Array:
         """x'_new (k,) of the wanted velocity x' (k,), the manipulability and g = dm'/dx' (k,)."""

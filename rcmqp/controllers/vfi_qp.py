@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -10,15 +11,14 @@ from typing import ClassVar
 import numpy as np
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import at_rest, check_between, check_gain, check_not_negative
+from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.given import Given
-from rcmqp.errors import OptionError
 from rcmqp.limits import KeepOut, combine
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import between, positive
 from rcmqp.qp import Bounds, Hierarchy, Level, get_solver
 from rcmqp.references.view import Reference
 from rcmqp.tasks import PoseTask, RcmTask, TipTask
-from rcmqp.tasks.base import check_positive
 from rcmqp.world.arm import ArmState
 
 
@@ -87,19 +87,15 @@ class VfiQP(Controller):
     name: ClassVar[str] = "vfi_qp"
     enforces: ClassVar[tuple[str, ...] | None] = ("position",)
 
-    gain: float = 60.0
-    alpha: float = 0.999
-    damping: float = 1e-3
-    d_safe: float = 1e-3
-    vfi_gain: float = 2.0
-    joint_gain: float = 0.0
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    alpha: float = field(default=0.999, metadata=between(0.0, 1.0))
+    damping: float = field(default=1e-3, metadata=positive("m"))
+    d_safe: float = field(default=1e-3, metadata=positive("m"))
+    vfi_gain: float = field(default=2.0, metadata=bounded_gain(up_to=1.0))
+    joint_gain: float = field(default=0.0, metadata=bounded_gain(up_to=1.0, or_zero=True))
     velocity_limits: bool = False
     solver: str = "proxqp"
     feed_forward: bool = False
-    _joint_rate: float = field(init=False, repr=False)
-    _tip: TipTask = field(init=False, repr=False)
-    _obstacles: tuple[KeepOut, ...] = field(init=False, repr=False)
-    _hierarchy: Hierarchy = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options and make the solver.
@@ -110,30 +106,24 @@ class VfiQP(Controller):
             SolverNotInstalled: its package is missing.
         """
         super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        check_between("alpha", self.alpha, 0.0, 1.0)
-        for option in ("damping", "d_safe", "vfi_gain"):
-            check_positive(option, getattr(self, option))
-        if self.vfi_gain * self.period > 1.0:
-            raise OptionError(
-                f"vfi_gain * period = {self.vfi_gain} 1/s * {self.period} s = "
-                f"{self.vfi_gain * self.period:.3g}; the sphere is kept up to 1: lower the gain "
-                "or sample faster"
-            )
-        check_not_negative("joint_gain", self.joint_gain)
-        if self.joint_gain * self.period > 1.0:
-            raise OptionError(
-                f"joint_gain * period = {self.joint_gain} 1/s * {self.period} s = "
-                f"{self.joint_gain * self.period:.3g}; joint limits are kept up to 1: lower the "
-                "gain or sample faster"
-            )
-        rate = min(self.joint_gain or self.gain, 1.0 / self.period)
-        object.__setattr__(self, "_joint_rate", rate)
-        object.__setattr__(self, "_tip", TipTask(self.insertion.tip_depth))
-        obstacles = KeepOut.obstacles(self.insertion, gain=self.vfi_gain)
-        object.__setattr__(self, "_obstacles", obstacles)
         get_solver(self.solver)  # says what is wrong with the name
-        object.__setattr__(self, "_hierarchy", Hierarchy(self.solver))
+        _ = self._tip, self._obstacles, self._hierarchy  # made before the first cycle
+
+    @property
+    def _joint_rate(self) -> float:
+        return min(self.joint_gain or self.gain, 1.0 / self.period)
+
+    @functools.cached_property
+    def _tip(self) -> TipTask:
+        return TipTask(self.insertion.tip_depth)
+
+    @functools.cached_property
+    def _obstacles(self) -> tuple[KeepOut, ...]:
+        return KeepOut.obstacles(self.insertion, gain=self.vfi_gain)
+
+    @functools.cached_property
+    def _hierarchy(self) -> Hierarchy:
+        return Hierarchy(self.solver)
 
     @property
     def given(self) -> Given:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
+from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import JOINT_LIMITS
 from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.limits import Limit, combine
+from rcmqp.maths.options import at_least, positive
 from rcmqp.qp import QP, QPSolver, Status, get_solver
 from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask, Together
@@ -48,17 +50,14 @@ class WeightedQP(Controller):
     enforces: ClassVar[tuple[str, ...] | None] = JOINT_LIMITS
     feed_forward: ClassVar[bool] = True
 
-    gain: float = 60.0
-    rcm_weight: float = 1e4
-    tip_weight: float = 1.0
-    roll_weight: float = 1e-2
-    objective_weight: float = 1e-6
-    damping: float = 1e-8
-    limit_gain: float = 60.0
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    rcm_weight: float = field(default=1e4, metadata=positive("1/m^2"))
+    tip_weight: float = field(default=1.0, metadata=positive("1/m^2"))
+    roll_weight: float = field(default=1e-2, metadata=positive("1/rad^2"))
+    objective_weight: float = field(default=1e-6, metadata=at_least(0.0))
+    damping: float = field(default=1e-8, metadata=at_least(0.0))
+    limit_gain: float = field(default=60.0, metadata=bounded_gain(below=1.0))
     backend: str = "daqp"
-    _tasks: Together = field(init=False, repr=False)
-    _limits: tuple[Limit, ...] = field(init=False, repr=False)
-    _solver: QPSolver = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options; make tasks, limits and the solver.
@@ -69,10 +68,10 @@ class WeightedQP(Controller):
             SolverNotInstalled: the backend's package is missing.
         """
         super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        check_limit_gain(self.limit_gain, self.period)
-        check_not_negative("damping", self.damping)
-        check_not_negative("objective_weight", self.objective_weight)
+        _ = self._tasks, self._limits, self._solver  # made before the first cycle
+
+    @functools.cached_property
+    def _tasks(self) -> Together:
         insertion, gain = self.insertion, self.gain
         tasks = (
             RcmTask(gain=gain, weight=self.rcm_weight)
@@ -81,10 +80,15 @@ class WeightedQP(Controller):
         )
         if self.objective_weight > 0.0:
             tasks += ObjectiveTask.made_for(insertion, weight=self.objective_weight)
-        object.__setattr__(self, "_tasks", tasks)
-        limits = default_limits(insertion, self.period, self.limit_gain)
-        object.__setattr__(self, "_limits", limits)
-        object.__setattr__(self, "_solver", get_solver(self.backend))
+        return tasks
+
+    @functools.cached_property
+    def _limits(self) -> tuple[Limit, ...]:
+        return default_limits(self.insertion, self.period, self.limit_gain)
+
+    @functools.cached_property
+    def _solver(self) -> QPSolver:
+        return get_solver(self.backend)
 
     def reset(self) -> None:
         """Forget the solver's warm start."""

@@ -6,6 +6,7 @@ all runs.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import shlex
@@ -17,17 +18,21 @@ from typing import Any
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import ToolMissing
-from rcmqp.files import check_writable, make_folder, table
+from rcmqp.files import check_writable, make_folder
 from rcmqp.runs.loading import load_scenario
-from rcmqp.runs.metrics import Metrics, against_limit, compute_metrics, until
+from rcmqp.runs.measures import until
+from rcmqp.runs.metrics import Metrics, compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
+from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show import plots, tables
 from rcmqp.show.labels import GIVEN, given_cells
-from rcmqp.show.report.build import INDEX, NUMBERS, TEXT, write_report
+from rcmqp.show.report.build import INDEX, LATEX, NUMBERS, TEXT, write_report
 from rcmqp.show.report.document import Picture, Screenshot, Section
+from rcmqp.show.table import Table
 from rcmqp.show.viewer.browser import chromium_path
 from rcmqp.world.loading import arm_title
+from rcmqp.world.port import Port
 
 ARMS = ("lwa3", "meka_a2")
 PERIODS = (8e-3, 1e-3)
@@ -48,21 +53,22 @@ PAPER_RCM_MAX_MM = 0.05
 
 _PAPER_GIVEN = {"feed_forward": "no", "limits_enforced": "none", "gain": "60"}
 
-_ROWS: tuple[tuple[str, str, str, str], ...] = (
-    ("RCM error, max [mm]", "rcm_max_mm", f"< {PAPER_RCM_MAX_MM}", ".4f"),
-    ("RCM error, rms [mm]", "rcm_rms_mm", "not given", ".4f"),
-    ("tip error, rms [mm]", "tip_rms_mm", '"negligible"', ".3f"),
-    ("tip error, max [mm]", "tip_max_mm", '"negligible"', ".3f"),
-    ("effector error, rms [mm]", "effector_rms_mm", "not given", ".3f"),
-    ("orientation error, rms [mrad]", "orientation_rms_mrad", "not given", ".3f"),
-    ("orientation error, max [mrad]", "orientation_max_mrad", "not given", ".3f"),
-    ("tip speed asked for, rms [mm/s]", "tip_speed_rms_mm_s", "not given", ".1f"),
-    ("joint speed over its limit, max", "speed_ratio_max", "not given", ".2f"),
-    ("joint acceleration over its limit, max", "acceleration_ratio_max", "not given", ".2f"),
-    ("joint jerk over its limit, max", "jerk_ratio_max", "not given", ".2f"),
-    ("margin to joint limits, least [rad]", "limit_margin_min_rad", "not given", ".2f"),
-    ("singular value, least", "singular_value_min", "not given", ".3f"),
-)
+_ROWS = {
+    "rcm_max_mm": f"< {PAPER_RCM_MAX_MM}",
+    "rcm_rms_mm": "not given",
+    "tip_rms_mm": '"negligible"',
+    "tip_max_mm": '"negligible"',
+    "effector_rms_mm": "not given",
+    "orientation_rms_mrad": "not given",
+    "orientation_max_mrad": "not given",
+    "tip_speed_rms_mm_s": "not given",
+    "speed_ratio_max": "not given",
+    "acceleration_ratio_max": "not given",
+    "jerk_ratio_max": "not given",
+    "limit_margin_min_rad": "not given",
+    "singular_value_min": "not given",
+}
+"""Measures beside the paper, and what the paper has."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,7 @@ def reproduce_a(
     *,
     arms: Sequence[str] = ARMS,
     duration: float | None = None,
+    port: Port | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ExperimentA:
     """Run experiment A with the paper's controller and write runs, a table and a report.
@@ -105,6 +112,7 @@ def reproduce_a(
         out: folder, made if it is not there.
         arms: names that load_arm() knows; the paper's two.
         duration: how long to simulate [s]; the whole helix without it.
+        port: where the incision is; None for each scenario's own.
         progress: called with the run's title, cycles done since the last call, cycles in all.
 
     Raises:
@@ -116,25 +124,27 @@ def reproduce_a(
     files = [folder / _run_name(*case) for case in law + rival]
     files += [folder / f"{figure}.{end}" for figure in FIGURES for end in ("png", "pdf")]
     files += [folder / f"{_shot_name(arm)}.png" for arm in arms]
-    files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, INDEX)]
+    files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, LATEX, INDEX)]
     for file in files:
         check_writable(file)
     found = []
     for case, file in zip(law + rival, files, strict=False):
-        found.append(helix(*case, duration, progress))
+        found.append(helix(*case, duration, progress, port))
         found[-1].save(file)
     runs, rivals = found[: len(law)], found[len(law) :]
     metrics = [compute_metrics(run) for run in runs]
-    text = comparison_table(runs, metrics)
+    text = comparison_table(runs, metrics).markdown()
     pairs = [*runs[-len(arms) :], *rivals]
     beside = [tables.row_of(run) for run in pairs]
     length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
     (folder / "experiment_a.md").write_text(
-        f"# Experiment A\n\n{length}{text}\n## Beside {RIVAL}\n\n{tables.as_markdown(beside)}",
+        f"# Experiment A\n\n{length}{text}\n## Beside {RIVAL}\n\n{tables.as_markdown(beside)}\n"
+        f"## What the columns mean\n\n{tables.columns_explained()}",
         encoding="utf-8",
     )
     again = ["rcmqp", "reproduce", "--out", str(out)]
     again += [] if duration is None else ["--duration", f"{duration:g}"]
+    again += [] if port is None else _options(port)
     names = [file.name for file in files[: len(found)]]
     written = write_report(
         found,
@@ -148,6 +158,20 @@ def reproduce_a(
     return ExperimentA(runs, metrics, length + text, rivals, beside, files)
 
 
+def _options(port: Port) -> list[str]:
+    """The command line's options that ask for this port."""
+    words = []
+    for name, vector in (("--trocar", port.pivot), ("--axis", port.axis)):
+        words += [] if vector is None else [f"{name}={','.join(map(str, vector))}"]
+    numbers = {
+        "--depth": port.depth,
+        "--cone": None if port.cone is None else math.degrees(port.cone),
+        "--tolerance": None if port.tolerance is None else 1e3 * port.tolerance,
+    }
+    given = {name: value for name, value in numbers.items() if value is not None}
+    return words + [f"{name}={value:.9g}" for name, value in given.items()]
+
+
 def helix(
     scenario: str,
     setting: str,
@@ -155,6 +179,7 @@ def helix(
     period: float,
     duration: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    port: Port | None = None,
 ) -> Run:
     """A helix, or the first ``duration`` [s] of it, under a controller.
 
@@ -165,9 +190,10 @@ def helix(
         period: sampling period T [s].
         duration: how long to simulate [s].
         progress: see reproduce_a().
+        port: where the incision is; None for the scenario's.
     """
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    made = load_scenario(scenario, arm, period=period, **changes)
+    made = load_scenario(scenario, arm, period=period, port=port, **changes)
     title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
     name, options = controller_of(setting)
 
@@ -178,26 +204,31 @@ def helix(
     return simulate(made, make_controller(name, made.insertion(), period, **options), report)
 
 
-def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> str:
-    """Markdown table: what is given and measured, what the paper has, and each run."""
+def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> Table:
+    """What is given and measured, what the paper has, and each run."""
     heads = [f"{arm_title(run.scenario.arm)}, {1e3 * run.period:g} ms" for run in runs]
     given = [given_cells(run.head) for run in runs]
     rows = [
-        [title, _PAPER_GIVEN.get(name, "not given"), *(cells[name] for cells in given)]
-        for name, title in GIVEN.items()
+        [
+            MEASURES[name].row,
+            _PAPER_GIVEN.get(name, "not given"),
+            *(cells[name] for cells in given),
+        ]
+        for name in GIVEN
     ]
     ends = [until(found.errors_until_s, found.duration_s) for found in metrics]
-    rows.append(["rms until [s]", "not given", *ends])
-    for label, name, paper, style in _ROWS:
-        cells = [against_limit(getattr(found, name), style) for found in metrics]
-        rows.append([label, paper, *cells])
+    rows.append([MEASURES["errors_until_s"].row, "not given", *ends])
+    for name, paper in _ROWS.items():
+        measure = MEASURES[name]
+        cells = [measure.text(getattr(found, name), measure.fixed) for found in metrics]
+        rows.append([measure.row, paper, *cells])
         if name == "tip_max_mm":
             lag = [
                 f"{found.tip_speed_rms_mm_s / run.options['gain']:.3f}"
                 for run, found in zip(runs, metrics, strict=True)
             ]
             rows.append(["speed / K, rms [mm]", "not given", *lag])
-    return table(["", "the paper", *heads], rows) + "\n"
+    return Table(["", "the paper", *heads], rows)
 
 
 def _run_name(scenario: str, setting: str, arm: str, period: float) -> str:

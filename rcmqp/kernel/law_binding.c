@@ -1,12 +1,11 @@
 /* The paper's law, its objectives, references and planner for Python; see _kernel.pyi. */
 
 #define NO_IMPORT_ARRAY
-#include "arrays.h"
+#include "blocks.h"
 #include "dualquaternion.h"
 #include "law.h"
 #include "planning.h"
 #include "reference.h"
-#include "rows.h"
 #include "svd.h"
 
 /* A new array (size) of zeros; *numbers are its own. */
@@ -28,35 +27,30 @@ static npy_intp joints_of(PyObject *object, int dimensions)
     return -1;
 }
 
-/* The objective's value c and gradient (n): of a kind that is compiled, or as they are given. */
-static double objective_of(PyObject *aim, const double *J, const double *angles, npy_intp n,
-                           double *gradient, Arena *arena)
+/* The objective: a Block that fits n joints, or its value c and gradient J_c as they are given. 0
+ * with a Python error. */
+static int objective_of(PyObject *aim, npy_intp n, const Block **block, double *c,
+                        const double **J_c)
 {
-    PyObject *kind = NULL, *first = NULL, *second = NULL;
+    PyObject *value = NULL, *gradient = NULL;
+    if (is_block(aim)) {
+        *block = &((BlockObject *)aim)->block;
+        if ((*block)->kind >= FIRST_OBJECTIVE && rows_of(*block, (int)n) >= 0) return 1;
+        PyErr_SetString(PyExc_ValueError, "the objective is of another kind, or for another arm");
+        return 0;
+    }
     if (!PyTuple_Check(aim)) {
-        PyErr_SetString(PyExc_TypeError, "the objective must be a tuple");
-        return 0.0;
+        PyErr_SetString(PyExc_TypeError, "the objective must be a Block or a tuple");
+        return 0;
     }
-    if (!PyArg_UnpackTuple(aim, "the objective", 1, 3, &kind, &first, &second)) return 0.0;
-    if (kind == Py_None && second != NULL) {
-        const double *given = numbers_of(second, NPY_DOUBLE, n, "J_c");
-        if (given != NULL) memcpy(gradient, given, sizeof(double) * (size_t)n);
-        return given == NULL ? 0.0 : PyFloat_AsDouble(first);
-    }
-    switch (PyLong_AsLong(kind)) {
-    case MANIPULABILITY: return manipulability(J, (int)n, gradient, arena);
-    case SRS_PRODUCT:
-        if (first != NULL && n == 7) {
-            const double *offsets = numbers_of(first, NPY_DOUBLE, 7, "offsets");
-            return offsets == NULL ? 0.0 : srs_product(angles, offsets, gradient);
-        }
-    }
-    if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "an objective of an unknown kind");
-    return 0.0;
+    if (!PyArg_UnpackTuple(aim, "the objective", 2, 2, &value, &gradient)) return 0;
+    *c = PyFloat_AsDouble(value);
+    *J_c = numbers_of(gradient, NPY_DOUBLE, n, "J_c");
+    return !PyErr_Occurred();
 }
 
 /* law(x, J_local, angles, x_d, x_d_dot, objective, numbers, limits, feed_forward, limited);
- * objective: its kind, see TaskKind, and vectors; or None, its value c, its gradient J_c. */
+ * objective: its Block; or its value c and its gradient J_c. */
 PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
@@ -65,10 +59,10 @@ PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
     if (n >= 0 && n < RANK) PyErr_SetString(PyExc_ValueError, "the law needs six joints or more");
     if (PyErr_Occurred()) return NULL;
     Sight sight = {
-        numbers_of(args[0], NPY_DOUBLE, 8, "x"),
-        numbers_of(args[1], NPY_DOUBLE, 6 * n, "J_local"),
-        numbers_of(args[3], NPY_DOUBLE, 8, "x_d"),
-        numbers_of(args[4], NPY_DOUBLE, 8, "x_d_dot"),
+        .x = numbers_of(args[0], NPY_DOUBLE, 8, "x"),
+        .J = numbers_of(args[1], NPY_DOUBLE, 6 * n, "J_local"),
+        .x_d = numbers_of(args[3], NPY_DOUBLE, 8, "x_d"),
+        .x_d_dot = numbers_of(args[4], NPY_DOUBLE, 8, "x_d_dot"),
     };
     const double *angles = numbers_of(args[2], NPY_DOUBLE, n, "angles");
     const Law made = {
@@ -78,45 +72,24 @@ PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
         truth_of(args[8]),
         (Limited)count_of(args[9], CLIP, "limited"),
     };
-    Arena *arena = PyErr_Occurred() ? NULL : scratch(memory_for_law((int)n));
-    if (arena == NULL) return NULL;
-    double *gradient = take(arena, (int)n), *v = NULL;
-    sight.c = objective_of(args[5], sight.J, angles, n, gradient, arena), sight.J_c = gradient;
-    PyObject *answer = PyErr_Occurred() ? NULL : vector(n, &v);
-    if (answer == NULL) return NULL;
+    const Block *block = NULL;
+    double *v = NULL;
+    if (PyErr_Occurred() || !objective_of(args[5], n, &block, &sight.c, &sight.J_c)) return NULL;
+    PyObject *answer = vector(n, &v);
+    const size_t size = memory_for_law((int)n) + memory_for_objective((int)n) + (size_t)n;
+    Arena *arena = answer == NULL ? NULL : scratch(size);
+    if (arena == NULL) {
+        Py_XDECREF(answer);
+        return NULL;
+    }
+    if (block != NULL) {
+        double *gradient = take(arena, (int)n);
+        sight.c = objective_value(block, sight.J, angles, (int)n, gradient, arena);
+        sight.J_c = gradient;
+    }
     Found found;
     follow(&made, &sight, v, &found, arena);
     return Py_BuildValue("(Ndddd)", answer, sight.c, found.least, found.kept, found.scale);
-}
-
-/* singularity_product(angles, offsets) */
-PyObject *singularity_product(PyObject *self, PyObject *const *args, Py_ssize_t count)
-{
-    (void)self;
-    if (!counted("singularity_product", count, 2)) return NULL;
-    const double *angles = numbers_of(args[0], NPY_DOUBLE, 7, "angles");
-    const double *offsets = numbers_of(args[1], NPY_DOUBLE, 7, "offsets");
-    double *numbers = NULL;
-    PyObject *gradient = PyErr_Occurred() ? NULL : vector(7, &numbers);
-    if (gradient == NULL) return NULL;
-    const double c = srs_product(angles, offsets, numbers);
-    return Py_BuildValue("(dN)", c, gradient);
-}
-
-/* manipulability_measure(J_local) */
-PyObject *manipulability_measure(PyObject *self, PyObject *const *args, Py_ssize_t count)
-{
-    (void)self;
-    if (!counted("manipulability_measure", count, 1)) return NULL;
-    const npy_intp n = joints_of(args[0], 2);
-    if (n >= 0 && n < RANK) PyErr_SetString(PyExc_ValueError, "six joints or more are needed");
-    Arena *arena = PyErr_Occurred() ? NULL : scratch((size_t)(12 * n + n * n + 36));
-    double *numbers = NULL;
-    PyObject *gradient = arena == NULL ? NULL : vector(n, &numbers);
-    if (gradient == NULL) return NULL;
-    const double m =
-        manipulability(PyArray_DATA((PyArrayObject *)args[0]), (int)n, numbers, arena);
-    return Py_BuildValue("(dN)", m, gradient);
 }
 
 /* least_singular_values(J) */

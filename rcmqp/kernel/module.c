@@ -2,19 +2,18 @@
 
 #include "arrays.h"
 #include "drawn.h"
-#include "rows.h"
+
+int add_block_type(PyObject *module);
+int add_stack_type(PyObject *module);
 
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
-PyObject *approached(PyObject *self, PyObject *const *args, Py_ssize_t count);
-PyObject *step(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *paced(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count);
-PyObject *singularity_product(PyObject *self, PyObject *const *args, Py_ssize_t count);
-PyObject *manipulability_measure(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *least_singular_values(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -25,7 +24,6 @@ PyObject *views(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *view_poses(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *observed(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *contour(PyObject *self, PyObject *const *args, Py_ssize_t count);
-PyObject *joint_bounds(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 Arena *scratch(size_t count)
 {
@@ -48,16 +46,13 @@ Arena *scratch(size_t count)
 
 static PyMethodDef methods[] = {
     METHOD(solve, "The lexicographic optimum of stacked levels; see _kernel.pyi."),
-    METHOD(approached, "What rate of its error a task may ask for."),
-    METHOD(step, "The same, with the rows of tasks and limits made here; see _kernel.pyi."),
     METHOD(usable, "Whether a cycle's numbers are finite and x_d is a pose; see _kernel.pyi."),
     METHOD(frozen, "A copy of numbers that cannot be written."),
     METHOD(record, "An instance of a dataclass with slots, without its __init__."),
     METHOD(moved, "Where joints are a step later."),
     METHOD(all_finite, "Whether all numbers are finite."),
+    METHOD(paced, "How fast a damper lets its quantity shrink."),
     METHOD(law, "The paper's law, equation (6)."),
-    METHOD(singularity_product, "Objective and gradient of SingularityProduct."),
-    METHOD(manipulability_measure, "Objective and gradient of Manipulability."),
     METHOD(least_singular_values, "Of many Jacobians."),
     METHOD(from_xyzquat, "Dual quaternion of a placement."),
     METHOD(carried, "A pose moved in the world's axes."),
@@ -68,7 +63,6 @@ static PyMethodDef methods[] = {
     METHOD(view_poses, "The references of many views, equation (5)."),
     METHOD(observed, "What a record says of many poses."),
     METHOD(contour, "How far points are from a curve, and how far along it."),
-    METHOD(joint_bounds, "The box of JointLimits; see _kernel.pyi."),
     {NULL, NULL, 0, NULL},
 };
 
@@ -90,16 +84,12 @@ PyMODINIT_FUNC PyInit__kernel(void)
         const char *name;
         long value;
     } kinds[] = {
-        {"RCM", RCM}, {"TIP", TIP}, {"ROLL", ROLL}, {"POSE", POSE}, {"POSTURE", POSTURE},
-        {"SRS_PRODUCT", SRS_PRODUCT}, {"MANIPULABILITY", MANIPULABILITY}, {"JOINTS", JOINTS},
-        {"TROCAR_CONE", TROCAR_CONE}, {"TROCAR_DEPTH", TROCAR_DEPTH}, {"KEEP_OUT", KEEP_OUT},
         {"HELIX", HELIX}, {"CIRCLE", CIRCLE}, {"LISSAJOUS", LISSAJOUS},
-        {"TASK_NUMBERS", TASK_NUMBERS}, {"LIMIT_NUMBERS", LIMIT_NUMBERS},
-        {"JOINT_NUMBERS", JOINT_NUMBERS},
     };
     import_array();
     PyObject *made = PyModule_Create(&module);
     for (size_t i = 0; made != NULL && i < sizeof kinds / sizeof *kinds; ++i)
         if (PyModule_AddIntConstant(made, kinds[i].name, kinds[i].value) < 0) Py_CLEAR(made);
+    if (made != NULL && (add_block_type(made) < 0 || add_stack_type(made) < 0)) Py_CLEAR(made);
     return made;
 }

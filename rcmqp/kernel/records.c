@@ -9,8 +9,8 @@ PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
-/* frozen(values, size, ...): a copy of that shape as float64, C-contiguous, that cannot be written;
- * None if the shape is another. */
+/* frozen(values, size, ...): a copy of that shape (-1: any size) as float64, C-contiguous, that
+ * cannot be written; None if the shape is another. */
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
@@ -23,8 +23,10 @@ PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
         args[0], PyArray_DescrFromType(NPY_DOUBLE), 0, 0, flags | NPY_ARRAY_FORCECAST, NULL);
     if (array == NULL) return NULL;
     int fits = PyArray_NDIM(array) == count - 1;
-    for (int i = 0; fits && i < PyArray_NDIM(array); ++i)
-        fits = PyArray_DIM(array, i) == PyLong_AsSsize_t(args[i + 1]);
+    for (int i = 0; fits && i < PyArray_NDIM(array); ++i) {
+        const Py_ssize_t size = PyLong_AsSsize_t(args[i + 1]);
+        fits = size < 0 || PyArray_DIM(array, i) == size;
+    }
     if (!fits || PyErr_Occurred()) {
         Py_DECREF(array);
         if (PyErr_Occurred()) return NULL;

@@ -1,37 +1,58 @@
-/* Rows of tasks and limits from one cycle's kinematics: the same formulas, in the same order, as
- * Task.evaluate() and Limit.evaluate() in rcmqp/tasks and rcmqp/limits, whose docstrings derive
- * them. A task or limit is one line of numbers, its program; Python writes it once.
+/* Rows of tasks and limits from one cycle's kinematics, and the objectives: what Task.evaluate(),
+ * Limit.evaluate() and Objective.evaluate() of the library call. Their docstrings in rcmqp/tasks
+ * and rcmqp/limits derive the formulas. A block is one task, limit or objective, made once of its
+ * options.
  */
 #ifndef RCMQP_ROWS_H
 #define RCMQP_ROWS_H
 
 #include "linalg.h"
 
-/* Kinds of tasks, and what their line holds after kind and the root of the weight. */
+/* Tasks, then limits, then objectives. */
 typedef enum {
-    RCM,            /* gain, period (0: no second order) */
-    TIP,            /* gain, tip_depth */
-    ROLL,           /* gain */
-    POSE,           /* gain */
-    POSTURE,        /* gain; vectors: posture, continuous */
-    SRS_PRODUCT,    /* K_c, c_d; vectors: offsets, - */
-    MANIPULABILITY, /* K_c, c_d */
-} TaskKind;
-
-#define TASK_NUMBERS 4
-
-/* Kinds of limits, and what their line holds after the kind. */
-typedef enum {
-    JOINTS,       /* period */
-    TROCAR_CONE,  /* gain, deceleration, half angle, axis (3) */
+    RCM,       /* period (0: no second order) */
+    TIP,       /* tip_depth */
+    DEPTH,
+    ROLL,
+    DIRECTION,
+    POSE,
+    POSTURE,   /* vectors: posture, continuous */
+    OBJECTIVE, /* K_c, c_d, objective */
+    JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
+    TROCAR_CONE,  /* gain, deceleration, half_angle, axis */
     TROCAR_DEPTH, /* gain, deceleration, tip_depth, shallowest, deepest */
-    KEEP_OUT,     /* gain, deceleration, centre (3), velocity (3), on trocar, radius with that of
-                     the instrument, first and last point of the axis */
-} LimitKind;
+    KEEP_OUT,     /* gain, deceleration, centre, velocity, on_trocar, reach, first, last */
+    KEEP_IN,      /* the same; first is last where only that end counts */
+    ENTRY_SPHERE, /* the same */
+    SINGULARITY_PRODUCT, /* vectors: offsets */
+    MANIPULABILITY,
+    LEAST_SINGULAR_VALUE,
+    JOINT_CENTRING, /* vectors: middle, half of the range */
+    KINDS,
+} Kind;
 
-#define LIMIT_NUMBERS 13
+#define FIRST_LIMIT JOINTS
+#define FIRST_OBJECTIVE SINGULARITY_PRODUCT
 
+/* Lines of JointLimits.table: lowest and highest angle of a stop, V, A, j, B, e. */
 #define JOINT_NUMBERS 7
+enum { LOWEST, HIGHEST, SPEED, ACCELERATION, JERK, BRAKING, EASING };
+
+/* The options; what a kind does not have is zero. */
+typedef struct Block {
+    Kind kind;
+    double period, tip_depth, K_c, c_d;
+    double gain, deceleration; /* of a damper */
+    double half_angle, axis[3];
+    double shallowest, deepest;
+    double centre[3], velocity[3];
+    double on_trocar;   /* whether the sphere moves along with the trocar */
+    double reach;       /* how near or far the axis may be to the centre */
+    double first, last; /* ends of the part of the axis that counts, from the effector */
+    const struct Block *objective;
+    int n;              /* joints that it is for; 0: any arm */
+    double *vectors;    /* (count, n) */
+} Block;
 
 /* What a cycle knows. */
 typedef struct {
@@ -45,27 +66,52 @@ typedef struct {
     const double *x_d_dot;   /* (8) */
     const double *pivot;     /* (3) */
     const double *pivot_dot; /* (3) */
-    const double *joints;    /* (JOINT_NUMBERS, n) see limits/joints.py: JointLimits.table */
     double R[9], p[3];       /* the effector's placement, from x */
     double R_d[9], p_d[3], nu_d[3], omega_d[3]; /* the desired one's, and its twist */
 } Cycle;
 
 void see(Cycle *cycle);
 
-int rows_of_task(const double *line, int n);
+int rows_of(const Block *block, int n);
 
-int has_error(const double *line);
+void task_rows(const Cycle *cycle, const Block *block, double *A, double *b, double *e,
+               Arena *arena);
 
-void task_rows(const Cycle *cycle, const double *line, const double *vectors, double *A, double *b,
-               double *e, Arena *arena);
-
-int rows_of_limit(const double *line);
-
-void limit_rows(const Cycle *cycle, const double *line, double *lower, double *upper, double *C,
+void limit_rows(const Cycle *cycle, const Block *block, double *lower, double *upper, double *C,
                 double *d);
 
-double manipulability(const double *J, int n, double *gradient, Arena *arena);
+double pace(double gain, double deceleration, double s);
 
-double srs_product(const double *angles, const double *offsets, double *gradient);
+size_t memory_for_objective(int n);
+
+double objective_value(const Block *block, const double *J, const double *angles, int n,
+                       double *gradient, Arena *arena);
+
+/* Of the cycle's geometry: R a and R^T a of a rotation (3, 3); a point of the world seen from the
+ * effector; column j of the Jacobian, linear and angular part. */
+static inline void turned(const double *R, const double *a, double *out)
+{
+    for (int i = 0; i < 3; ++i, R += 3) out[i] = R[0] * a[0] + R[1] * a[1] + R[2] * a[2];
+}
+
+static inline void turned_back(const double *R, const double *a, double *out)
+{
+    for (int i = 0; i < 3; ++i) out[i] = R[i] * a[0] + R[3 + i] * a[1] + R[6 + i] * a[2];
+}
+
+static inline void seen(const Cycle *cycle, const double *point, double *out)
+{
+    double apart[3];
+    for (int i = 0; i < 3; ++i) apart[i] = point[i] - cycle->p[i];
+    turned_back(cycle->R, apart, out);
+}
+
+static inline void column(const Cycle *cycle, int j, double *nu, double *omega)
+{
+    for (int i = 0; i < 3; ++i) {
+        nu[i] = cycle->J[i * cycle->n + j];
+        omega[i] = cycle->J[(3 + i) * cycle->n + j];
+    }
+}
 
 #endif

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,17 +12,18 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rcmqp._kernel import Block, frozen, paced, record
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Bounds
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.references.view import Reference
-from rcmqp.tasks.base import check_positive, filled_in
+from rcmqp.tasks.base import check_positive, cycle, filled_in
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Constraint:
     """What a limit allows: lower <= v <= upper and C v <= d.
 
@@ -44,30 +46,46 @@ class Constraint:
     d: Array
     names: tuple[str, ...]
 
-    def __post_init__(self) -> None:
+    def __new__(
+        cls,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        C: ArrayLike,
+        d: ArrayLike,
+        names: Sequence[str],
+    ) -> Self:
         """Copy, protect and check the shapes."""
-        for name in ("lower", "upper", "C", "d"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "names", tuple(self.names))
-        n, m = self.lower.size, self.d.size
-        found = self.lower.shape, self.upper.shape, self.C.shape, self.d.shape
-        if found != ((n,), (n,), (m, n), (m,)):
+        low, up = frozen(lower, -1), frozen(upper, -1)
+        rows, most = frozen(C, -1, -1), frozen(d, -1)
+        if (
+            low is None
+            or up is None
+            or rows is None
+            or most is None
+            or low.shape != up.shape
+            or rows.shape != most.shape + low.shape
+        ):
+            found = np.shape(lower), np.shape(upper), np.shape(C), np.shape(d)
             raise InvalidProblem(
                 f"lower, upper, C and d have shapes {found}; they must be (nv,), (nv,), (m, nv) "
                 "and (m,)"
             )
-        if len(self.names) != m:
+        names = tuple(names)
+        if len(names) != len(most):
             raise InvalidProblem(
-                f"C has {m} rows, and there are {len(self.names)} names, {self.names}; give a "
+                f"C has {len(most)} rows, and there are {len(names)} names, {names}; give a "
                 "list with a name for each row"
             )
-        if not (self.lower <= self.upper).all():
+        if not (low <= up).all():
             raise InvalidProblem(
-                f"lower = {self.lower} and upper = {self.upper} leave an empty box; give numbers "
+                f"lower = {low} and upper = {up} leave an empty box; give numbers "
                 "with lower <= upper"
             )
+        return record(cls, low, up, rows, most, names)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array, Array, tuple[str, ...]]]:
+        """Copies are made by the same door."""
+        return type(self), (self.lower, self.upper, self.C, self.d, self.names)
 
     @classmethod
     def box(cls, lower: ArrayLike, upper: ArrayLike) -> Constraint:
@@ -105,14 +123,59 @@ class Limit(abc.ABC):
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
         """What is allowed at ``state``."""
 
-    def program(self) -> tuple[float, ...] | None:
-        """The limit for compiled code, see rcmqp/kernel/rows.h; None: evaluate() is called."""
-        return None
+    def constraint(self, state: ArmState, reference: Reference) -> Constraint:
+        """What evaluate() gives, checked.
+
+        Raises:
+            InvalidProblem: it is no Constraint for this arm; with the limit's name.
+        """
+        kind, n = type(self).__name__, state.angles.size
+        try:
+            found = self.evaluate(state, reference)
+        except InvalidProblem as error:
+            raise InvalidProblem(f"{kind}: {error}") from error
+        if not isinstance(found, Constraint):
+            raise InvalidProblem(f"{kind}.evaluate() returned {found!r}, it must be a Constraint")
+        if found.lower.size != n:
+            raise InvalidProblem(f"{kind} is for {found.lower.size} joints, the arm has {n}")
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The options: what is made of them is made anew."""
+        return {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CompiledLimit(Limit):
+    """A limit whose rows are compiled: those of its ``block``."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Refuse a pace() that the compiled rows would not ask.
+
+        Raises:
+            TypeError: a class has one, without an evaluate() that asks it.
+        """
+        super().__init_subclass__(**options)
+        if "pace" in vars(cls) and "evaluate" not in vars(cls):
+            raise TypeError(
+                f"{cls.__name__} has a pace() of its own, which the compiled rows of its base do "
+                "not ask; give it an evaluate(), too"
+            )
+
+    @property
+    @abc.abstractmethod
+    def block(self) -> Block:
+        """The box, or the rows, made once of the options."""
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Names of the rows, for messages; as in evaluate()."""
+        """Names of the rows, for messages."""
         return ()
+
+    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+        """What is allowed at ``state``."""
+        rows = self.block.rows(*cycle(state, reference))
+        return record(Constraint, *rows, self.row_names)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,10 +226,7 @@ class Damper(Limit):
 
         Continuous with its slope, never above gain s, and odd.
         """
-        A, size = self.deceleration, abs(s)
-        if self.gain**2 * size <= A:
-            return self.gain * s
-        return math.copysign(math.sqrt(2.0 * A * size - (A / self.gain) ** 2), s)
+        return paced(self.gain, self.deceleration, s)
 
 
 def combine(
@@ -192,7 +252,7 @@ def combine(
     """
     n = state.angles.size
     lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
-    found = [_checked(limit, state, reference) for limit in limits]
+    found = [limit.constraint(state, reference) for limit in limits]
     for constraint in found:
         lower, upper = intersect(lower, upper, constraint.lower, constraint.upper)
     rows = [name for constraint in found for name in constraint.names]
@@ -203,20 +263,6 @@ def combine(
         np.concatenate([np.zeros(0), *(constraint.d for constraint in found)]),
         (*(joints or [f"v[{i}]" for i in range(n)]), *rows),
     )
-
-
-def _checked(limit: Limit, state: ArmState, reference: Reference) -> Constraint:
-    """What a limit allows."""
-    kind, n = type(limit).__name__, state.angles.size
-    try:
-        found = limit.evaluate(state, reference)
-    except InvalidProblem as error:
-        raise InvalidProblem(f"{kind}: {error}") from error
-    if not isinstance(found, Constraint):
-        raise InvalidProblem(f"{kind}.evaluate() returned {found!r}, it must be a Constraint")
-    if found.lower.size != n:
-        raise InvalidProblem(f"{kind} is for {found.lower.size} joints, the arm has {n}")
-    return found
 
 
 def intersect(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rcmqp.limits.base import Constraint
-from rcmqp.limits.spheres import SphereLimit, direction
-from rcmqp.references.view import Reference
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.limits.spheres import SphereLimit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,10 +27,14 @@ class EntrySphere(SphereLimit):
         """Check the options."""
         super().__post_init__()
         self.check_room()
+        _ = self.block  # made now: what was given may be written to later
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+    @functools.cached_property
+    def block(self) -> Block:
         """One row [m/s]."""
-        b, jacobian, drift = self.seen(state, reference)
-        delta, u = direction(b, self.nearest(b))
-        d = self.pace(self.room - delta) - u @ drift
-        return Constraint.rows([u @ jacobian], [d], [f"{self.label}, shaft through"])
+        return self.ball("entry_sphere", self.room, self.mount_depth)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the one row."""
+        return (f"{self.label}, shaft through",)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import functools
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp import _kernel
+from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
-from rcmqp.limits.base import Constraint, Limit
+from rcmqp.limits.base import CompiledLimit, Constraint
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.view import Reference
 from rcmqp.tasks.base import check_positive
@@ -28,7 +29,7 @@ FASTEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimits(Limit):
+class JointLimits(CompiledLimit):
     """Keep each joint inside its limits, now and in every cycle to come.
 
     The last command is v' and changed by a' T; this cycle's is v = v' + a T, held for T. Its
@@ -92,7 +93,6 @@ class JointLimits(Limit):
             by 70 mm at a half and by 5 mm at a quarter.
         acceleration: whether to keep the limits of acceleration and jerk; without them a joint
             may stop within one cycle, and state.v and state.a are not looked at.
-        table: (JOINT_NUMBERS, nv) lowest and highest angle that a stop may end at, V, A, j, B, e.
 
     Raises:
         OptionError: an option is not allowed, or the arm's limits contradict themselves.
@@ -106,8 +106,6 @@ class JointLimits(Limit):
     acceleration: bool = True
     braking: float = 0.25
     easing: float = 0.25
-    table: Array = field(init=False, repr=False)
-    _line: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the options and the arm's limits."""
@@ -133,25 +131,11 @@ class JointLimits(Limit):
                     raise OptionError(
                         f"{joint} has {kind} limit {value:.4g}; it must be positive, inf for none"
                     )
-        object.__setattr__(self, "table", self._made_table())
-        line = np.zeros(_kernel.LIMIT_NUMBERS)
-        line[: len(self.program())] = self.program()
-        object.__setattr__(self, "_line", line)
+        _ = self.block  # made now: the arm's limits may be set later
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
-        """The box; no rows. An angle that is NaN has no position limits."""
-        return Constraint.box(*self.interval(state.angles, state.v, state.a))
-
-    def interval(self, angles: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """The box's lower and upper velocities (nv,), from angles, v' and a' (nv,)."""
-        numbers = (np.ascontiguousarray(values, dtype=float) for values in (angles, v, a))
-        return _kernel.joint_bounds(self._line, self.table, *numbers)
-
-    def program(self) -> tuple[float, ...]:
-        """For compiled code; the rest is in the table."""
-        return (_kernel.JOINTS, self.period)
-
-    def _made_table(self) -> Array:
+    @functools.cached_property
+    def table(self) -> Array:
+        """(7, nv) lowest and highest angle that a stop may end at, V, A, j, B, e."""
         arm, T = self.arm, self.period
         free = np.full(arm.nv, np.inf)
         acceleration, jerk = (arm.acceleration, arm.jerk) if self.acceleration else (free, free)
@@ -174,6 +158,20 @@ class JointLimits(Limit):
         )
         table.setflags(write=False)
         return table
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """The box."""
+        names = ("lowest", "highest", "velocity", "acceleration", "jerk", "braking", "easing")
+        return Block("joints", period=self.period, **dict(zip(names, self.table, strict=True)))
+
+    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+        """The box; no rows. An angle that is NaN has no position limits."""
+        return Constraint.box(*self.interval(state.angles, state.v, state.a))
+
+    def interval(self, angles: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """The box's lower and upper velocities (nv,), from angles, v' and a' (nv,)."""
+        return self.block.interval(angles, v, a)
 
 
 def believed(arm: Arm, v: Array, a: Array, period: float) -> tuple[Array, Array]:

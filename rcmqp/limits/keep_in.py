@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rcmqp.limits.base import Constraint
-from rcmqp.limits.spheres import SphereLimit, check_part, direction
-from rcmqp.references.view import Reference
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.limits.spheres import SphereLimit, check_part
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,16 +30,16 @@ class KeepIn(SphereLimit):
         super().__post_init__()
         check_part(self.part)
         self.check_room()
+        _ = self.block  # made now: what was given may be written to later
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+    @functools.cached_property
+    def block(self) -> Block:
         """One row [m/s] for the tip, a second one for the mount."""
-        b, jacobian, drift = self.seen(state, reference)
-        ends = {"tip": self.tip_depth}
-        if self.part == "shaft":
-            ends["mount"] = self.mount_depth
-        C, d = [], []
-        for s in ends.values():
-            delta, u = direction(b, s)
-            C.append(u @ jacobian)
-            d.append(self.pace(self.room - delta) - u @ drift)
-        return Constraint.rows(C, d, [f"{self.label}, {end} in" for end in ends])
+        first = self.mount_depth if self.part == "shaft" else self.tip_depth
+        return self.ball("keep_in", self.room, first)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the tip, and of the mount."""
+        ends = ("tip", "mount") if self.part == "shaft" else ("tip",)
+        return tuple(f"{self.label}, {end} in" for end in ends)

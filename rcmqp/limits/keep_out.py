@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
-from rcmqp import _kernel
-from rcmqp.limits.base import Constraint
-from rcmqp.limits.spheres import CENTRE, SphereLimit, check_part, direction
-from rcmqp.references.view import Reference
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.limits.spheres import SphereLimit, check_part
 from rcmqp.world.insertion import Insertion
 
 
@@ -34,6 +30,7 @@ class KeepOut(SphereLimit):
         """Check the options."""
         super().__post_init__()
         check_part(self.part)
+        _ = self.block  # made now: what was given may be written to later
 
     @classmethod
     def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
@@ -50,27 +47,13 @@ class KeepOut(SphereLimit):
             for i, sphere in enumerate(insertion.obstacles, start=1)
         )
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+    @functools.cached_property
+    def block(self) -> Block:
         """One row [m/s]."""
-        b, jacobian, drift = self.seen(state, reference)
-        s = self.tip_depth if self.part == "tip" else self.nearest(b)
-        delta, u = direction(b, s)
-        if delta <= CENTRE:
-            u = np.array([1.0, 0.0, 0.0])
-        room = delta - self.radius - self.instrument.radius
-        return Constraint.rows([-u @ jacobian], [self.pace(room) + u @ drift], self.row_names)
+        first = self.mount_depth if self.part == "shaft" else self.tip_depth
+        return self.ball("keep_out", self.radius + self.instrument.radius, first)
 
     @property
     def row_names(self) -> tuple[str, ...]:
         """Of the one row."""
         return (f"{self.label}, {self.part} out",)
-
-    def program(self) -> tuple[float, ...]:
-        """For compiled code."""
-        return (
-            *(_kernel.KEEP_OUT, self.gain, self.deceleration),
-            *(*self.centre, *self.velocity, float(self.on_trocar)),
-            self.radius + self.instrument.radius,
-            self.tip_depth if self.part == "tip" else self.mount_depth,
-            self.tip_depth,
-        )

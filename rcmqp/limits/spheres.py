@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-import pinocchio as pin
-
+from rcmqp._kernel import Block
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.limits.base import Damper
-from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.view import Reference
+from rcmqp.limits.base import CompiledLimit, Damper
 from rcmqp.tasks.base import check_finite, check_positive
-from rcmqp.world.arm import ArmState
 from rcmqp.world.instrument import Instrument, Vector3, vector3
 
 PARTS = ("tip", "shaft")
-CENTRE = 1e-9
-"""Distance [m] below which a point is at the centre, and away from it in no direction."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SphereLimit(Damper):
+class SphereLimit(CompiledLimit, Damper):
     """A ball in the world, and the distance of the instrument's axis from its centre.
 
     A point of the axis, s in front of the effector, sees the centre c at b - s e_z with
@@ -62,29 +54,26 @@ class SphereLimit(Damper):
         check_positive("radius", self.radius, "m")
         check_finite("tip_depth", self.tip_depth, "m")
         for name in ("centre", "velocity"):
-            object.__setattr__(self, name, vector3(name, getattr(self, name)))
+            vector3(name, getattr(self, name))
 
     @property
     def mount_depth(self) -> float:
         """Where the shaft begins, from the effector along the shaft [m]; negative."""
         return self.tip_depth - self.instrument.length
 
-    def seen(self, state: ArmState, reference: Reference) -> tuple[Array, Array, Array]:
-        """The centre in the effector's axes.
-
-        Returns:
-            b (3,) [m]; db/dv (3, nv) and db/dt with the joints still (3,) [m/s].
-        """
-        centre, velocity = np.array(self.centre), np.array(self.velocity)
-        if self.on_trocar:
-            centre, velocity = centre + reference.pivot, velocity + reference.pivot_dot
-        b = state.oMe.actInv(centre)
-        jacobian = pin.skew(b) @ state.J_local[3:] - state.J_local[:3]
-        return b, jacobian, state.oMe.rotation.T @ velocity
-
-    def nearest(self, b: Array) -> float:
-        """The point s of the shaft, from mount to tip, that is nearest to b (3,) [m]."""
-        return min(max(float(b[2]), self.mount_depth), self.tip_depth)
+    def ball(self, kind: str, reach: float, first: float) -> Block:
+        """Rows for the axis from ``first`` to the tip, ``reach`` from the centre or less [m]."""
+        return Block(
+            kind,
+            gain=self.gain,
+            deceleration=self.deceleration,
+            centre=vector3("centre", self.centre),
+            velocity=vector3("velocity", self.velocity),
+            on_trocar=float(self.on_trocar),
+            reach=reach,
+            first=first,
+            last=self.tip_depth,
+        )
 
     @property
     def room(self) -> float:
@@ -102,13 +91,6 @@ class SphereLimit(Damper):
                 f"radius = {self.radius} m leaves no room for a shaft of radius "
                 f"{self.instrument.radius} m; make the sphere larger"
             )
-
-
-def direction(b: Array, s: float) -> tuple[float, Array]:
-    """Distance delta of b (3,) from s e_z and the unit vector u (3,) there, zero at the centre."""
-    seen = np.array([b[0], b[1], b[2] - s])
-    delta = math.sqrt(float(seen @ seen))
-    return delta, seen / delta if delta > CENTRE else np.zeros(3)
 
 
 def check_part(part: str) -> None:

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import math
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from rcmqp import _kernel
-from rcmqp.limits.base import Constraint, Damper
-from rcmqp.references.view import Reference
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.limits.base import CompiledLimit, Damper
 from rcmqp.world.instrument import Trocar
-
-CENTRE = 1e-6
-"""Sine of the angle below which the shaft is on the cone's axis, and tilts in no direction."""
 
 
 @dataclass(frozen=True, eq=False)
-class TrocarCone(Damper):
+class TrocarCone(CompiledLimit, Damper):
     """Keep the angle between the shaft and the trocar's axis below the cone's half angle.
 
     The trocar's axis seen from the effector, n = R^T axis, moves by n' = [n]x omega; the angle
@@ -38,24 +31,18 @@ class TrocarCone(Damper):
 
     trocar: Trocar
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+    @functools.cached_property
+    def block(self) -> Block:
         """One row [rad/s]."""
-        x, y, z = (float(c) for c in state.oMe.rotation.T @ np.array(self.trocar.axis))
-        sine = math.hypot(x, y)
-        if sine > CENTRE:
-            by_omega = np.array([[y / sine, -x / sine]])
-        else:
-            by_omega = np.array([[0.0 if z > 0.0 else 1.0, 0.0]])
-        room = self.trocar.cone_half_angle - math.atan2(sine, z)
-        row = by_omega @ state.J_local[3:5]
-        return Constraint.rows(row, [self.pace(room)], self.row_names)
+        return Block(
+            "trocar_cone",
+            gain=self.gain,
+            deceleration=self.deceleration,
+            half_angle=self.trocar.cone_half_angle,
+            axis=self.trocar.axis,
+        )
 
     @property
     def row_names(self) -> tuple[str, ...]:
         """Of the one row."""
         return ("trocar cone",)
-
-    def program(self) -> tuple[float, ...]:
-        """For compiled code."""
-        half_angle, axis = self.trocar.cone_half_angle, self.trocar.axis
-        return (_kernel.TROCAR_CONE, self.gain, self.deceleration, half_angle, *axis)

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from rcmqp.errors import OptionError, RcmqpError
-from rcmqp.files import table
 from rcmqp.live.page import page
 from rcmqp.live.server import LOCAL, Console, Server
 from rcmqp.live.session import quantiles
 from rcmqp.realtime.signals import ENDING
 from rcmqp.runs.head import check_replaceable
 from rcmqp.runs.scenario import Scenario
+from rcmqp.show.table import Table
 
 BUFFER = 1 << 16
 """Bytes that may wait on the way to the loop; old ones are no use."""
@@ -192,7 +192,7 @@ def _report(console: Console, ended: dict[str, Any]) -> LiveReport:
     ]
     tables = [
         ended["report"],
-        table(("latency", "median", "p95", "p99", "of"), rows),
-        table(("pages", ""), [*ended["rows"], *console.desk.counts.rows()]),
+        Table(("latency", "median", "p95", "p99", "of"), rows).markdown(),
+        Table(("pages", ""), [*ended["rows"], *console.desk.counts.rows()]).markdown(),
     ]
-    return LiveReport("\n\n".join(tables), ended["fault"])
+    return LiveReport("\n\n".join(text.rstrip() for text in tables), ended["fault"])

@@ -37,7 +37,7 @@ LONGEST = 86400.0
 """A session ends after a day [s]."""
 
 
-LATENESS = 2.0
+LATENESS = 10.0
 """How late a cycle may be [s]: the simulated arm waits for it."""
 
 

@@ -261,8 +261,23 @@ def check_unit(x: ArrayLike, what: str = "dual quaternion", tolerance: float = 1
         raise InvalidCommand(f"{what} is not finite: {x}")
     raise InvalidCommand(
         f"{what} is not a pose: |P| - 1 = {np.linalg.norm(P(x)) - 1.0:.3g} and "
-        f"P.D = {P(x) @ D(x):.3g}, allowed {tolerance:g}; build it with pose() or from_se3()"
+        f"P.D = {P(x) @ D(x):.3g}, allowed {tolerance:g}; build it with pose() or from_se3(), or, "
+        "if it was rounded, with normalized()"
     )
+
+
+def normalized(x: ArrayLike, tolerance: float = 1e-2) -> Array:
+    """The unit dual quaternion nearest to x (8,), which may be a rounded one.
+
+    The rotation is P over its norm; the part of D along P, which no pose has, is left out.
+
+    Raises:
+        InvalidCommand: x is farther from a pose than ``tolerance``, so it is something else.
+    """
+    x = check_unit(x, tolerance=tolerance)
+    scale = float(np.linalg.norm(P(x)))
+    r, d = P(x) / scale, D(x) / scale
+    return np.concatenate([r, d - (r @ d) * r])
 
 
 def from_se3(aMb: pin.SE3) -> Array:

@@ -2,7 +2,7 @@
 
 A plant is a frozen dataclass of plain numbers, so that a scenario can be written as JSON; its
 start() makes the drive of one run, which holds everything that changes. A new one is such a
-pair, the plant added to PLANTS.
+pair, the plant added to PLANTS or by a plug-in.
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ from __future__ import annotations
 from rcmqp.plants.base import Drive, Plant
 from rcmqp.plants.kinematic import Kinematic
 from rcmqp.plants.servo import Servo
+from rcmqp.world.plugins import Registry
 
-PLANTS: dict[str, type[Plant]] = {"kinematic": Kinematic, "servo": Servo}
+_OWN: dict[str, type[Plant]] = {"kinematic": Kinematic, "servo": Servo}
+
+PLANTS: Registry[Plant] = Registry("rcmqp.plants", _OWN)
 
 __all__ = ["PLANTS", "Drive", "Kinematic", "Plant", "Servo"]

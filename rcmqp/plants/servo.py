@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, options, or_none, whole
 from rcmqp.plants.base import Drive
 from rcmqp.world.arm import Arm
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Servo:
     """Joints under velocity servos; each option by itself is off by default.
@@ -41,24 +42,13 @@ class Servo:
         acceleration_saturation: keep the arm's acceleration limits, where it has any.
     """
 
-    time_constant: float = 0.0
-    delay: int = 0
-    counts_per_turn: int | None = None
-    noise: float = 0.0
-    velocity_filter: float = 0.0
+    time_constant: float = field(default=0.0, metadata=at_least(0.0, "s"))
+    delay: int = field(default=0, metadata=whole(0))
+    counts_per_turn: int | None = field(default=None, metadata=or_none(whole(1)))
+    noise: float = field(default=0.0, metadata=at_least(0.0, "rad"))
+    velocity_filter: float = field(default=0.0, metadata=at_least(0.0, "s"))
     velocity_saturation: bool = False
     acceleration_saturation: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        for name, unit in (("time_constant", "s"), ("noise", "rad"), ("velocity_filter", "s")):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise OptionError(f"{name} = {value} {unit}, it must be finite and 0 or more")
-        object.__setattr__(self, "delay", _whole("delay", self.delay, 0))
-        if self.counts_per_turn is not None:
-            counts = _whole("counts_per_turn", self.counts_per_turn, 1)
-            object.__setattr__(self, "counts_per_turn", counts)
 
     def start(self, arm: Arm, q: Array, period: float, seed: int) -> Drive:
         """See Plant.start(); ``seed`` is that of the noise."""
@@ -134,9 +124,3 @@ def first_order(
     gap, left = u - v, period - t
     decay = np.exp(-left / tau) if tau > 0.0 else np.where(left > 0.0, 0.0, 1.0)
     return moved + u * left - tau * gap * (1.0 - decay), u - gap * decay
-
-
-def _whole(name: str, value: float, least: int) -> int:
-    if not (math.isfinite(value) and int(value) == value >= least):
-        raise OptionError(f"{name} = {value}, it must be a whole number of at least {least}")
-    return int(value)

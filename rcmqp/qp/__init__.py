@@ -10,6 +10,7 @@ from rcmqp.qp.problem import (
     QPSolver,
     SolverNotInstalled,
     Status,
+    WrongShape,
     kkt_residuals,
 )
 from rcmqp.qp.solvers import get_solver, solver_names
@@ -28,6 +29,7 @@ __all__ = [
     "Route",
     "SolverNotInstalled",
     "Status",
+    "WrongShape",
     "get_solver",
     "hierarchy_backends",
     "kkt_residuals",

@@ -7,7 +7,7 @@ import time
 import daqp
 import numpy as np
 
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import allowed, positive
 from rcmqp.qp.problem import QP, QPSolution, Status
 
 _INFINITY = 1e30
@@ -27,8 +27,7 @@ class DAQP:
         self, primal_tol: float = 1e-10, dual_tol: float = 1e-12, iter_limit: int = 1000
     ) -> None:
         for name, value in (("primal_tol", primal_tol), ("iter_limit", iter_limit)):
-            if not value > 0:
-                raise OptionError(f"daqp: {name} is {value}, it must be positive")
+            allowed(f"daqp: {name}", value, positive())
         self.primal_tol, self.dual_tol = float(primal_tol), float(dual_tol)
         self.iter_limit = int(iter_limit)
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rcmqp._kernel import record
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.problem import InvalidProblem, Status, checked
 
@@ -37,18 +38,19 @@ class Level:
     name: str
     damping: float
 
-    def __init__(
-        self, A: ArrayLike, b: ArrayLike, name: str = "", *, damping: float = 0.0
-    ) -> None:
+    def __new__(cls, A: ArrayLike, b: ArrayLike, name: str = "", damping: float = 0.0) -> Self:
+        """Copy, protect and check the numbers."""
         matrix = checked(A, (-1, -1), f"A of level {name!r}")
-        object.__setattr__(self, "A", matrix)
-        object.__setattr__(self, "b", checked(b, (len(matrix),), f"b of level {name!r}"))
-        object.__setattr__(self, "name", name)
+        vector = checked(b, (len(matrix),), f"b of level {name!r}")
         if damping != 0.0 and not 1e-9 <= damping <= 1e3:
             raise InvalidProblem(
                 f"damping of level {name!r} is {damping}; give 0, or a number from 1e-9 to 1e3"
             )
-        object.__setattr__(self, "damping", float(damping))
+        return record(cls, matrix, vector, name, float(damping))
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, str, float]]:
+        """Copies are made by the same door."""
+        return type(self), (self.A, self.b, self.name, self.damping)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -72,14 +74,15 @@ class Bounds:
     d: Array
     names: tuple[str, ...]
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         lower: ArrayLike,
         upper: ArrayLike,
         C: ArrayLike | None = None,
         d: ArrayLike | None = None,
         names: Sequence[str] = (),
-    ) -> None:
+    ) -> Self:
+        """Copy, protect and check the numbers."""
         lower = checked(lower, (-1,), "lower", -np.inf)
         n = lower.size
         rows = checked(np.zeros((0, n)) if C is None else C, (-1, n), "C")
@@ -91,12 +94,13 @@ class Bounds:
             raise InvalidProblem(
                 f"{len(names)} names for {n} unknowns and {len(rows)} rows; give {n + len(rows)}"
             )
-        object.__setattr__(self, "lower", lower)
-        object.__setattr__(self, "upper", checked(upper, (n,), "upper", np.inf))
-        object.__setattr__(self, "C", rows)
-        d = np.zeros(0) if d is None else d
-        object.__setattr__(self, "d", checked(d, (len(rows),), "d", np.inf))
-        object.__setattr__(self, "names", names)
+        upper = checked(upper, (n,), "upper", np.inf)
+        most = checked(np.zeros(0) if d is None else d, (len(rows),), "d", np.inf)
+        return record(cls, lower, upper, rows, most, names)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array, Array, tuple[str, ...]]]:
+        """Copies are made by the same door."""
+        return type(self), (self.lower, self.upper, self.C, self.d, self.names)
 
 
 class Route(enum.Enum):

@@ -18,6 +18,14 @@ class InvalidProblem(RcmqpError, ValueError):
     """A QP, level or set of bounds has a NaN, a wrong shape or an impossible bound."""
 
 
+class WrongShape(InvalidProblem):
+    """An array of a QP, level or set of bounds is not numbers, or has a wrong shape.
+
+    This comes from a mistake in a program, not from the arm's state: no controller answers it
+    with its safe stop.
+    """
+
+
 class SolverNotInstalled(RcmqpError, ImportError):
     """A solver is known by name, but its package is missing."""
 
@@ -45,17 +53,18 @@ def checked(value: ArrayLike, shape: tuple[int, ...], name: str, infinite: float
         infinite: the one infinity that is allowed (its sign counts), 0 for none.
 
     Raises:
-        InvalidProblem: a wrong shape, a NaN, or an infinity that is not allowed.
+        WrongShape: it is not numbers, or has another shape.
+        InvalidProblem: a NaN, or an infinity that is not allowed.
     """
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise InvalidProblem(f"{name} is not an array of numbers: {error}") from error
+        raise WrongShape(f"{name} is not an array of numbers: {error}") from error
     if array.ndim != len(shape) or any(
         n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)
     ):
         wanted = str(shape).replace("-1", "any")
-        raise InvalidProblem(f"{name} has shape {array.shape}, expected {wanted}")
+        raise WrongShape(f"{name} has shape {array.shape}, expected {wanted}")
     if not np.isfinite(array).all():
         bad = ~(np.isfinite(array) | (array == infinite if infinite else False))
         if bad.any():
@@ -105,7 +114,8 @@ class QP:
         """A checked QP from anything array-like; what is left out does not constrain.
 
         Raises:
-            InvalidProblem: a NaN, an infinity where none is allowed, or shapes that differ.
+            WrongShape: shapes differ.
+            InvalidProblem: a NaN, or an infinity where none is allowed.
         """
         g = checked(g, (-1,), "g")
         n = g.size

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from proxsuite import proxqp
 
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import allowed, positive
 from rcmqp.qp.problem import QP, QPSolution, Status
 
 _STATUS = {
@@ -62,8 +62,7 @@ class ProxQP:
             ("max_iter", max_iter),
             ("max_iter_in", max_iter_in),
         ):
-            if not value > 0:
-                raise OptionError(f"proxqp: {name} is {value}, it must be positive")
+            allowed(f"proxqp: {name}", value, positive())
         self.eps_abs, self.warm = float(eps_abs), bool(warm)
         self.eps_primal_inf, self.eps_dual_inf = float(eps_primal_inf), float(eps_dual_inf)
         self.max_iter, self.max_iter_in = int(max_iter), int(max_iter_in)

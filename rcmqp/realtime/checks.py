@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,21 +66,31 @@ class LoopFault(RcmqpError):
 def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
     """Configuration (nq,) and joint velocity (nv,) [rad/s] that read() answered.
 
+    Both may also be given by the joints' names, in any order: angles, and velocities.
+
     Raises:
         InvalidCommand: they are not, or not finite.
     """
     sizes = {"configuration q": arm.nq, "joint velocity v": arm.nv}
     try:
-        q, v = (np.array(values, dtype=float) for values in answer)  # type: ignore[attr-defined]
-    except (TypeError, ValueError) as error:
+        pair: Any = answer
+        read, rate = pair
+        if isinstance(read, Mapping):
+            read, rate = arm.configuration(read), [rate[joint] for joint in arm.joints]
+        q, v = np.array(read, dtype=float), np.array(rate, dtype=float)
+    except InvalidCommand:
+        raise
+    except (TypeError, ValueError, LookupError) as error:
         raise InvalidCommand(
             f"read() answered {answer!r}; it must be a pair of arrays, configuration q "
             f"({arm.nq},) and joint velocity v ({arm.nv},), as measured now"
         ) from error
     for (name, size), values in zip(sizes.items(), (q, v), strict=True):
         if values.shape != (size,):
+            angles = name.endswith(" q") and values.shape == (arm.nv,)
+            hint = "; arm.configuration(angles) makes one of joint angles" if angles else ""
             raise InvalidCommand(
-                f"read() answered a {name} of shape {values.shape}, it must be ({size},)"
+                f"read() answered a {name} of shape {values.shape}, it must be ({size},){hint}"
             )
         if not np.isfinite(values).all():
             raise InvalidCommand(f"{name} is not finite, as it was read: {values}")

@@ -18,6 +18,7 @@ from rcmqp.controllers.base import Controller
 from rcmqp.controllers.braking import Brake, braking
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import allowed, positive
 from rcmqp.realtime.checks import (
     CommandCheck,
     Halting,
@@ -88,8 +89,7 @@ class RealtimeLoop:
         lateness = LATENESS * period if lateness is None else lateness
         times = {"duration": duration, "reference_age": reference_age, "lateness": lateness}
         for name, value in times.items():
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"{name} = {value} s, it must be positive and finite")
+            allowed(name, value, positive("s"))
         hung = lateness + HUNG * period if hung is None else hung
         if not lateness < hung < math.inf:
             raise OptionError(

@@ -14,7 +14,6 @@ from typing import Any
 
 from rcmqp.controllers import Controller, make_controller
 from rcmqp.errors import OptionError, RcmqpError
-from rcmqp.files import table
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime import simulated_arm
 from rcmqp.realtime.packets import Packets, Rejected, new_key
@@ -25,6 +24,7 @@ from rcmqp.realtime.run import run_realtime
 from rcmqp.realtime.simulated_arm import AT_ONCE, HOST, TOO_OLD, Account, insertion_of
 from rcmqp.references.paths import Circle
 from rcmqp.references.view import Stamped, view_pose
+from rcmqp.show.table import Table
 
 PATIENCE = 0.02
 """How old the newest state may be before the arm is taken for gone [s]."""
@@ -213,7 +213,8 @@ class LoopbackReport:
 
     def as_markdown(self) -> str:
         """Every table."""
-        return "\n\n".join([self.loop.as_markdown(), table(("between the two", ""), self.rows())])
+        between = Table(("between the two", ""), self.rows())
+        return f"{self.loop.as_markdown()}\n\n{between.markdown().rstrip()}"
 
 
 def run_loopback(

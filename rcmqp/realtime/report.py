@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from rcmqp.files import table
 from rcmqp.realtime.latency import Latency
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from rcmqp.show.table import Table
 
 BOUNDS = (50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 10e-3)
 """Of the rows of the printed histogram [s]."""
@@ -112,23 +108,20 @@ class LoopReport:
         rest = [str(delays.above(BOUNDS[-1])) for delays in (self.wake, self.answer)]
         return [*found, (f"above {_time(BOUNDS[-1])}", rest[0], rest[1])]
 
+    def tables(self) -> list[Table]:
+        """What was counted, and the histogram."""
+        return [
+            Table(("real-time loop", ""), self.rows()),
+            Table(("delay", "began", "answered"), self.histogram()),
+        ]
+
     def as_markdown(self) -> str:
         """Both tables."""
-        return "\n\n".join(
-            [
-                table(("real-time loop", ""), self.rows()),
-                table(("delay", "began", "answered"), self.histogram()),
-            ]
-        )
+        return "\n".join(table.markdown() for table in self.tables()).rstrip()
 
     def __rich__(self) -> Table:
         """For rich's print()."""
-        from rich.table import Table
-
-        shown = Table("real-time loop", "", show_edge=False)
-        for row in self.rows():
-            shown.add_row(*row)
-        return shown
+        return self.tables()[0]
 
 
 def _latency(what: str, delays: Latency) -> list[tuple[str, str]]:

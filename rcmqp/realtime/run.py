@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from rcmqp.controllers.base import Controller
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import allowed, from_to
 from rcmqp.realtime.checks import Halting, LoopFault, Robot, Watching
 from rcmqp.realtime.deadlines import Deadlines
 from rcmqp.realtime.loop import HOLD, WARM_UP, RealtimeLoop
@@ -110,8 +110,7 @@ def run_realtime(
             warm-up, and so is a joint that is faster than it may be.
     """
     period = controller.period
-    if not 0.0 <= spin <= period:
-        raise OptionError(f"spin = {spin} s, it must lie between 0 and the period, {period} s")
+    allowed("spin", spin, from_to(0.0, period, "s"))
     timing = Deadlines(period, spin, clock, sleep)
     loop = RealtimeLoop(
         robot,

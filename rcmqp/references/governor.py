@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
 from rcmqp.errors import OptionError
+from rcmqp.maths.options import at_least, options, positive
 from rcmqp.references.operators import Steered
 from rcmqp.references.paths import Path, views_of
 from rcmqp.references.view import STILL, Reference, Stamped
@@ -17,6 +18,7 @@ from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Governor:
     """How a path slows down where the tip falls behind.
@@ -42,23 +44,15 @@ class Governor:
         recovery: shortest time from standstill to full rate [s].
     """
 
-    free: float = 1e-3
-    stop: float = 3e-3
-    slowing: float = 0.05
-    recovery: float = 2.0
+    free: float = field(default=1e-3, metadata=at_least(0.0, "m"))
+    stop: float = field(default=3e-3, metadata=positive("m"))
+    slowing: float = field(default=0.05, metadata=positive("s"))
+    recovery: float = field(default=2.0, metadata=positive("s"))
 
     def __post_init__(self) -> None:
-        """Make plain numbers of what was given, and check it."""
-        for item in fields(self):
-            object.__setattr__(self, item.name, float(getattr(self, item.name)))
-        if not 0.0 <= self.free < self.stop < math.inf:
-            raise OptionError(
-                f"free = {self.free} m, stop = {self.stop} m: they must be finite, free 0 or more "
-                "and below stop"
-            )
-        for name in ("slowing", "recovery"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise OptionError(f"{name} = {getattr(self, name)} s, it must be positive")
+        """Check that a path is slowed before it stops."""
+        if not self.free < self.stop:
+            raise OptionError(f"free = {self.free} m, it must be below stop = {self.stop} m")
 
     def rate(self, distance: float) -> float:
         """The rate wanted with the tip ``distance`` [m] off; 0 if that is NaN."""

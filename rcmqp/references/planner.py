@@ -7,13 +7,15 @@ form, (7)-(8), and moves rotation and depth in N + 1 equal parts, (9)-(11).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import allowed, whole
 from rcmqp.references.view import Reference
 
 FAR_ANGLE = 0.01
@@ -65,7 +67,7 @@ def plan(x_rcm: ArrayLike, x: ArrayLike, x_d: ArrayLike, points: int) -> Array:
         InvalidCommand: a pose is not a unit dual quaternion.
         OptionError: points is less than 1.
     """
-    _check_points(points)
+    points = allowed("points", points, whole(1))
     x_rcm, x, x_d = (
         dq.check_unit(pose, what) for pose, what in ((x_rcm, "x_rcm"), (x, "x"), (x_d, "x_d"))
     )
@@ -74,6 +76,26 @@ def plan(x_rcm: ArrayLike, x: ArrayLike, x_d: ArrayLike, points: int) -> Array:
     part = np.arange(points + 2) / (points + 1)
     r = dq.quaternion_mul(r_l, dq.quaternion_exp(part[:, None] * _log_turn(r_l, r_d)))
     return _constrained_pose(x_rcm, r, t_l + part * (t_d - t_l))
+
+
+class Part(NamedTuple):
+    """One part of the way to a reference.
+
+    Attributes:
+        x: (8,) where it ends, as seen from the trocar.
+        target: (8,) where the way leads, likewise.
+        left: parts that follow.
+        x_d: (8,) where it ends, in the world.
+        x_d_dot: (8,) derivative of x_d.
+        moved: whether x_d is another pose than the reference's.
+    """
+
+    x: Array
+    target: Array
+    left: int
+    x_d: Array
+    x_d_dot: Array
+    moved: bool
 
 
 class Planner:
@@ -92,8 +114,7 @@ class Planner:
 
     def __init__(self, x_rcm: ArrayLike, points: int, period: float) -> None:
         """Start at x_rcm (8,), with ``points`` = N and one part every ``period`` [s]."""
-        _check_points(points)
-        self.points, self.period = int(points), period
+        self.points, self.period = allowed("points", points, whole(1)), period
         self.x_rcm = dq.check_unit(x_rcm, "x_rcm")
         self._pivot = dq.translation(self.x_rcm)
         self.reset()
@@ -114,32 +135,33 @@ class Planner:
         that the controller stops; the way goes on from where it was with the next one.
         """
         found = self._approach(reference, self._x)
-        begins = found[-1] and found[2] == self.points
+        begins = found.moved and found.left == self.points
         if begins and x is not None and np.isfinite(x := np.asarray(x, dtype=float)).all():
             carried_back = dq.from_translation(self._pivot - reference.pivot)
             found = self._approach(reference, dq.mul(carried_back, x))
-        self._x, self._target, self._left, x_d, x_d_dot, moved = found
-        if not moved:
+        self._x, self._target, self._left = found.x, found.target, found.left
+        if not found.moved:
             return reference
-        return _kernel.record(Reference, x_d, x_d_dot, reference.pivot, reference.pivot_dot)
+        rest = reference.pivot, reference.pivot_dot
+        return _kernel.record(Reference, found.x_d, found.x_d_dot, *rest)
 
-    def _approach(
-        self, reference: Reference, x: Array
-    ) -> tuple[Array, Array, int, Array, Array, bool]:
+    def _approach(self, reference: Reference, x: Array) -> Part:
         """One part of the way from x (8,), as seen from the trocar; see step()."""
-        return _kernel.approach(
-            self.x_rcm,
-            self._pivot,
-            x,
-            self._target,
-            self._left,
-            self.points + 1,
-            self.period,
-            reference.x_d,
-            reference.pivot,
-            reference.pivot_dot,
-            FAR_ANGLE,
-            FAR_DEPTH,
+        return Part(
+            *_kernel.approach(
+                self.x_rcm,
+                self._pivot,
+                x,
+                self._target,
+                self._left,
+                self.points + 1,
+                self.period,
+                reference.x_d,
+                reference.pivot,
+                reference.pivot_dot,
+                FAR_ANGLE,
+                FAR_DEPTH,
+            )
         )
 
 
@@ -152,8 +174,3 @@ def _constrained_pose(x_rcm: Array, r: Array, depth: Array) -> Array:
     """x_rcm r (1 + eps t_z k / 2) (..., 8) of rotations r (..., 4) and depths (...) [m]."""
     shift = dq.from_translation(np.stack([0.0 * depth, 0.0 * depth, depth], axis=-1))
     return dq.mul(x_rcm, dq.mul(dq.from_rotation(r), shift))
-
-
-def _check_points(points: int) -> None:
-    if int(points) != points or points < 1:
-        raise OptionError(f"points = {points}, the planner needs a whole number of at least 1")

@@ -16,16 +16,26 @@ from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.loading import arm_names
+from rcmqp.world.plugins import distribution, load, points
+from rcmqp.world.port import Port
+
+GROUP = "rcmqp.scenarios"
+"""Of the entry points whose modules are scenarios."""
 
 
 def scenario_names() -> list[str]:
-    """Names that load_scenario() knows, sorted."""
+    """Names that load_scenario() knows, sorted; those of plug-ins are among them."""
+    return sorted(_own_names() | points(GROUP).keys())
+
+
+def _own_names() -> set[str]:
     package = importlib.import_module("rcmqp.scenarios")
-    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+    return {module.name for module in pkgutil.iter_modules(package.__path__)}
 
 
 def load_scenario(
@@ -35,6 +45,7 @@ def load_scenario(
     flange: str | None = None,
     acceleration: float | Sequence[float | None] | None = None,
     jerk: float | Sequence[float | None] | None = None,
+    port: Port | None = None,
     **changes: Any,
 ) -> Scenario:
     """Make a scenario by name on an arm, or read one from a file.
@@ -42,12 +53,13 @@ def load_scenario(
     Args:
         name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
             those in the scenarios folder; or a .json file that holds Scenario.to_json().
-        arm: a name that load_arm() knows, or the path of a URDF; without it, the scenario's
-            own. A .json file has its arm already.
+        arm: a name that load_arm() knows, or the path of an arm's file or of a URDF; without it,
+            the scenario's own. A .json file has its arm already.
         flange: with a URDF, the frame that carries the instrument.
         acceleration: limits of the joints in place of the arm's own, one number for all joints or
             one for each [rad/s^2].
         jerk: likewise [rad/s^3]; other limits are given by ``limits``.
+        port: where the incision is, in place of the scenario's own.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
     Raises:
@@ -73,6 +85,23 @@ def load_scenario(
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
             )
+    return changed(scenario, acceleration=acceleration, jerk=jerk, port=port, **changes)
+
+
+def changed(
+    scenario: Scenario,
+    *,
+    acceleration: float | Sequence[float | None] | None = None,
+    jerk: float | Sequence[float | None] | None = None,
+    port: Port | None = None,
+    **changes: Any,
+) -> Scenario:
+    """A scenario with other limits of the joints, incision and fields; see load_scenario().
+
+    Raises:
+        UnknownName: there is no such field.
+        OptionError: a value is not allowed.
+    """
     fields = [field.name for field in dataclasses.fields(Scenario)]
     for change in changes:
         if change not in fields:
@@ -80,10 +109,10 @@ def load_scenario(
     scenario = dataclasses.replace(scenario, **changes)
     given: dict[str, Any] = {"acceleration": acceleration, "jerk": jerk}
     given = {limit: value for limit, value in given.items() if value is not None}
-    if not given:
-        return scenario
-    limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
-    return dataclasses.replace(scenario, limits=limits)
+    if given:
+        limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
+        scenario = dataclasses.replace(scenario, limits=limits)
+    return scenario if port is None else at_port(scenario, port)
 
 
 def scenario_module(name: str) -> ModuleType:
@@ -92,12 +121,20 @@ def scenario_module(name: str) -> ModuleType:
     Raises:
         UnknownName: there is no such scenario.
         OptionError: the file is not there, or has no function ``scenario``.
+        PluginError: the plug-in that has the scenario cannot be used.
     """
-    if not name.endswith(".py"):
-        name = name.replace("-", "_")
-        if name not in scenario_names():
-            raise UnknownName("scenario", name, scenario_names())
+    if name.endswith(".py"):
+        return _checked(name, _module_of_file(name))
+    name = name.replace("-", "_")
+    if name in _own_names():
         return importlib.import_module(f"rcmqp.scenarios.{name}")
+    if name not in points(GROUP):
+        raise UnknownName("scenario", name, scenario_names())
+    module: ModuleType = load(GROUP, name)
+    return _checked(f"{name} of {distribution(GROUP, name)}", module)
+
+
+def _module_of_file(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(Path(name).stem, name)
     if not Path(name).is_file() or spec is None or spec.loader is None:
         raise OptionError(
@@ -108,6 +145,11 @@ def scenario_module(name: str) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _checked(name: str, module: ModuleType) -> ModuleType:
+    """The module, whose function ``scenario`` can be called as those of rcmqp are."""
     try:
         inspect.signature(module.scenario).bind("an arm", flange=None)
     except (AttributeError, TypeError, ValueError) as error:

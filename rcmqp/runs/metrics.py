@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,68 +27,21 @@ SATURATED = 1.0 - 1e-6
 ROUNDING = 1e-9
 """Excess of a limit that is none [1], [rad]."""
 
-SMALL = 1e-4
-"""Below it, decimal places say too little of a number."""
-
 ERRORS = {"tip": "mm", "effector": "mm", "rcm": "mm", "orientation": "mrad"}
 """What has an rms, a largest value and a 95th percentile, and its unit."""
-
-NOTHING = 1e-6
-"""Below it, a measure of AFTER_THE_STOP is shown as 0 [mm], [s], [1]."""
-
-AFTER_THE_STOP = ("reference_end_s", "overshoot_max_mm", "settling_time_s", "swing_ratio_end")
-"""Measures that are NaN if the reference does not stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
     """Errors, limits and times of a run, over all its sampling instants.
 
-    Names end in their unit. rms is the root of the mean square, p95 the 95th percentile. The tip
-    and the effector, which is the point of the shaft that lay on the trocar at the start, are
-    compared with where they were asked to be at the same instant, before the step; the RCM error
-    is the distance from the trocar to the shaft's axis.
+    Names end in their unit. rcmqp.runs.vocabulary says what each number means; contour and lag
+    are defined in contour.Contour, the last ones, from ``reversals_in_a_row`` on, in
+    behaviour.Behaviour.
 
     A run may go on after its path has ended. Then rms and p95 are of the time until
-    ``errors_until_s``, so that rest is not averaged in; all else is of the whole run. The last
-    measures, from ``reversals_in_a_row`` on, are defined in behaviour.Behaviour.
-
-    Attributes:
-        contour_rms_mm, contour_max_mm: distance of the tip from its path, the curve of the desired
-            tip seen from the trocar, whenever it was asked to be there; see Contour.
-        lag_max_s: how late the tip is on its path, whether it falls behind the reference or a
-            governor slows the reference down; see Contour.
-        errors_until_s: when the path ended, or the reference or the trocar last moved if that is
-            later; the end of the run if that is earlier, and on steered paths.
-        duration_s: the time of the run's last instant.
-        depth_min_mm, depth_max_mm: insertion depth of the tip beyond the trocar.
-        tilt_max_mrad: largest angle of the shaft from the trocar's axis.
-        speed_ratio_max: largest joint speed commanded over its limit; above 1, a limit is broken.
-        acceleration_ratio_max: largest change of a commanded joint speed from one cycle to the
-            next, from rest at first, over the period and the limit; likewise. NaN on arms without
-            acceleration limits.
-        jerk_ratio_max: largest change of that change, over the period squared and the jerk limit;
-            likewise.
-        saturated_share: of the cycles, those in which a joint is commanded at its limit of speed
-            or of acceleration, or above.
-        limit_margin_min_rad: least distance of a joint from a position limit; negative outside.
-        obstacle_distance_min_mm: least distance of the instrument from an obstacle, from surface
-            to surface; negative inside one, inf where there is none.
-        singular_value_min: least singular value of the effector's geometric Jacobian [m, rad].
-        tip_speed_rms_mm_s: of the desired tip; the law's lag is this over K.
-        reversals_in_a_row: most cycles in a row in which one joint turns round, at above 1 % of
-            its speed limit.
-        reversals: cycles in which a joint does.
-        step_ratio_max: largest change of a commanded joint speed from one cycle to the next, from
-            rest at first, over the joint's speed limit.
-        swing_ratio_end: largest range of a commanded joint speed over the last second, over the
-            joint's speed limit. It is of the time after reference and trocar have stopped, and NaN
-            if they do not.
-        overshoot_max_mm: how far the tip goes past the place where reference and trocar have
-            stopped; NaN if they do not.
-        settling_time_s: from when the reference stops, seen from the trocar, until the tip error
-            is below 1 mm for good; inf if it never is, NaN if the reference does not stop.
-        reference_end_s: when the reference stops, seen from the trocar; NaN if it does not.
+    ``errors_until_s``, so that rest is not averaged in; all else is of the whole run. A number is
+    NaN where there is nothing to measure: no such limit, or a reference that does not stop.
     """
 
     tip_rms_mm: float
@@ -197,40 +149,6 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
         "obstacle": obstacle_distance(part),
         "tip_speed": np.linalg.norm(tip_velocity, axis=-1),
     }
-
-
-def readable(value: float, style: str) -> str:
-    """A number for people.
-
-    One too small for decimal places has three significant digits, and one above 1000 no power.
-    """
-    if 1000.0 <= abs(value) < math.inf:
-        return f"{value:.0f}"
-    return format(value, ".3g" if 0.0 < abs(value) < SMALL else style)
-
-
-def against_limit(ratio: float, style: str = ".3g") -> str:
-    """A ratio to a limit, or the distance from one, for people.
-
-    "no limit" if the arm has none: the ratio is NaN, the distance infinite.
-    """
-    return readable(ratio, style) if np.isfinite(ratio) else "no limit"
-
-
-def after_the_stop(value: float, style: str = ".3g") -> str:
-    """A measure of AFTER_THE_STOP, for people.
-
-    "no stop" if it is NaN, "never" if infinite, 0 if it is below ``NOTHING``, by rounding.
-    """
-    if np.isnan(value):
-        return "no stop"
-    return "never" if np.isinf(value) else format(value if value >= NOTHING else 0.0, style)
-
-
-def until(errors_until_s: float, duration_s: float) -> str:
-    """Until when the errors count [s], for people: of how long, if the run goes on after that."""
-    rest = "" if errors_until_s == duration_s else f" of {duration_s:g}"
-    return f"{errors_until_s:g}{rest}"
 
 
 def obstacle_distance(run: Run) -> Array:

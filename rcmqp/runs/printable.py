@@ -1,16 +1,12 @@
-"""Text that a file or a user gave, made harmless for terminals and spreadsheets."""
+"""Text that a file or a user gave, made harmless for terminals."""
 
 from __future__ import annotations
 
-import csv
-import io
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
 
 MOST_LETTERS = 1000
 """Letters of an error message that are printed."""
 
-_FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 _UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control, format (bidi), surrogates, separators
 
 
@@ -34,23 +30,7 @@ def shortened(text: str, most: int = MOST_LETTERS) -> str:
     return f"{text[: most - 100]} [... {len(text) - most} letters ...] {text[-100:]}"
 
 
-def csv_text(names: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
-    """A CSV file of these columns.
-
-    A spreadsheet runs cells of text that begin like a formula; an apostrophe stops it.
-    """
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names)
-    writer.writeheader()
-    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
-    return text.getvalue()
-
-
 def _seen(x: str) -> str:
     if (x.isascii() and x.isprintable()) or unicodedata.category(x) not in _UNSEEN:
         return x
     return x.encode("unicode_escape").decode("ascii")
-
-
-def _cell(value: object) -> object:
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value

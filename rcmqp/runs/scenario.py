@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
-from collections import ChainMap
-from collections.abc import Generator, Iterator, Mapping
+import os
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -16,6 +17,18 @@ from numpy.typing import ArrayLike
 from rcmqp import _kernel
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import (
+    at_least,
+    between,
+    one_of,
+    options,
+    or_none,
+    part,
+    positive,
+    refused,
+    rule,
+    whole,
+)
 from rcmqp.plants import PLANTS, Kinematic, Plant
 from rcmqp.references.governor import Governed, Governor, PathClock, check_may_wait
 from rcmqp.references.operators import STEERED, Steered
@@ -27,9 +40,10 @@ from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Camera, Instrument, Trocar
-from rcmqp.world.loading import arm_names, load_arm
+from rcmqp.world.loading import arm_names, load_arm, names_its_flange
 from rcmqp.world.motions import MOTIONS, Motion, Still
 from rcmqp.world.obstacles import Sphere
+from rcmqp.world.plugins import Registry
 
 DEFAULT_ARM = "lwa3"
 
@@ -53,6 +67,47 @@ BLOCK = 512
 """Sampling instants that are prepared, and put away, at once."""
 
 
+def _angles(name: str, values: Iterable[float]) -> tuple[float, ...]:
+    angles = tuple(map(float, values))
+    if not all(map(math.isfinite, angles)):
+        raise refused(name, angles, "finite numbers")
+    return angles
+
+
+def _text(name: str, value: str) -> str:
+    """A text of at most MOST_LETTERS."""
+    if not isinstance(value, str):
+        raise refused(name, value, "text")
+    if len(value) > MOST_LETTERS[name] or "\0" in value:
+        raise refused(name, value, f"at most {MOST_LETTERS[name]} letters without NUL")
+    return value
+
+
+def _path(name: str, path: Path | Steered) -> Path | Steered:
+    if not isinstance(path, Foreign) and _kind_of("path", path) is None:
+        raise OptionError(
+            f"{name} = {path!r} is of no registered kind; add its class to "
+            "rcmqp.references.paths.PATHS"
+        )
+    return path
+
+
+def _spheres(name: str, values: Iterable[Sphere]) -> tuple[Sphere, ...]:
+    spheres = tuple(values)
+    for sphere in spheres:
+        if not isinstance(sphere, Sphere):
+            raise OptionError(f"{name}: {sphere!r} is no Sphere")
+    return spheres
+
+
+def _limits(name: str, limits: ArmLimits | None) -> ArmLimits | None:
+    """Limits that say something; None for those that do not."""
+    if not isinstance(limits, ArmLimits | None):
+        raise refused(name, limits, "of type ArmLimits, or None")
+    return None if limits == ArmLimits() else limits
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """An arm with an endoscope in a trocar, and what is asked of it.
@@ -61,7 +116,7 @@ class Scenario:
 
     Attributes:
         name: what it is called.
-        arm: a name that load_arm() knows, or the path of a URDF.
+        arm: a name that load_arm() knows, or the path of an arm's file or of a URDF.
         angles_start: (nv,) joint angles at the start [rad].
         instrument: the endoscope.
         trocar: the incision.
@@ -89,67 +144,30 @@ class Scenario:
             measured one period before.
     """
 
-    name: str
-    arm: str
-    angles_start: tuple[float, ...]
+    name: str = field(metadata=rule(_text))
+    arm: str = field(metadata=rule(_text))
+    angles_start: tuple[float, ...] = field(metadata=rule(_angles))
     instrument: Instrument
     trocar: Trocar
-    path: Path | Steered
-    duration: float
-    period: float = 1e-3
-    flange: str | None = None
-    planner_time: float | None = None
-    shaft_tolerance: float = SHAFT_TOLERANCE
-    seed: int = 0
+    path: Path | Steered = field(metadata=rule(_path))
+    duration: float = field(metadata=between(0.0, MOST_TIME, "s"))
+    period: float = field(default=1e-3, metadata=between(0.0, MOST_TIME, "s"))
+    flange: str | None = field(default=None, metadata=or_none(rule(_text)))
+    planner_time: float | None = field(default=None, metadata=or_none(positive("s")))
+    shaft_tolerance: float = field(default=SHAFT_TOLERANCE, metadata=at_least(0.0, "m"))
+    seed: int = field(default=0, metadata=whole(0))
     motion: Motion = field(default_factory=Still)
-    pivot_velocity: str = "measured"
-    obstacles: tuple[Sphere, ...] = ()
+    pivot_velocity: str = field(
+        default="measured", metadata=one_of("pivot_velocity", PIVOT_VELOCITIES)
+    )
+    obstacles: tuple[Sphere, ...] = field(default=(), metadata=rule(_spheres))
     plant: Plant = field(default_factory=Kinematic)
-    governor: Governor | None = None
-    limits: ArmLimits | None = None
-    planner_from: str = "reference"
+    governor: Governor | None = field(default=None, metadata=or_none(part(Governor)))
+    limits: ArmLimits | None = field(default=None, metadata=rule(_limits))
+    planner_from: str = field(default="reference", metadata=one_of("planner_from", PLANNER_STARTS))
 
     def __post_init__(self) -> None:
-        """Make plain numbers of what was given, and check it."""
-        object.__setattr__(self, "angles_start", tuple(map(float, self.angles_start)))
-        if not all(map(math.isfinite, self.angles_start)):
-            raise OptionError(f"angles_start = {self.angles_start}, they must be finite")
-        for name in ("duration", "period"):
-            value = getattr(self, name)
-            if not isinstance(value, int | float | np.number) or not 0.0 < value < MOST_TIME:
-                raise OptionError(f"{name} = {value!s:.50} s, it must be positive and finite")
-        if not 0.0 <= self.shaft_tolerance < math.inf:
-            raise OptionError(f"shaft_tolerance = {self.shaft_tolerance} m, it must be 0 or more")
-        if type(self.path) not in (*_KINDS["path"].values(), Foreign):
-            raise OptionError(
-                f"path = {self.path!r} is of no registered kind; add its class to "
-                "rcmqp.references.paths.PATHS"
-            )
-        for name, most in MOST_LETTERS.items():
-            value = getattr(self, name)
-            if value is None and name == "flange":
-                continue
-            if not isinstance(value, str):
-                raise OptionError(f"{name} = {value!r:.50}, it must be text")
-            if len(value) > most or "\0" in value:
-                raise OptionError(
-                    f"{name} = {value!r:.50} has {len(value)} letters, it may have {most} and "
-                    "no NUL"
-                )
-        if not (isinstance(self.seed, int) and self.seed >= 0):
-            raise OptionError(f"seed = {self.seed!r}, it must be a whole number, 0 or more")
-        if self.pivot_velocity not in PIVOT_VELOCITIES:
-            raise UnknownName("pivot_velocity", str(self.pivot_velocity), PIVOT_VELOCITIES)
-        if self.planner_from not in PLANNER_STARTS:
-            raise UnknownName("planner_from", str(self.planner_from), PLANNER_STARTS)
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
-        for obstacle in self.obstacles:
-            if not isinstance(obstacle, Sphere):
-                raise OptionError(f"obstacles: {obstacle!r} is no Sphere")
-        if not isinstance(self.limits, ArmLimits | None):
-            raise OptionError(f"limits = {self.limits!r}, they must be an ArmLimits, or None")
-        if self.limits == ArmLimits():
-            object.__setattr__(self, "limits", None)
+        """Check what concerns several options at once."""
         if self.cycles > MOST_CYCLES:
             raise OptionError(
                 f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
@@ -160,12 +178,8 @@ class Scenario:
                 f"duration = {self.duration} s is shorter than one period of {self.period} s"
             )
         if self.governor is not None:
-            if not isinstance(self.governor, Governor):
-                raise OptionError(f"governor = {self.governor!r}, it must be of type Governor")
             check_may_wait(self.path)
-        if self.planner_time is not None and not (
-            2.0 * self.period <= self.planner_time < math.inf
-        ):
+        if self.planner_time is not None and not 2.0 * self.period <= self.planner_time:
             raise OptionError(
                 f"planner_time = {self.planner_time} s, it must be two periods of "
                 f"{self.period} s or more"
@@ -215,14 +229,24 @@ class Scenario:
 
         Args:
             name: what to call it.
-            insertion: its arm was loaded by name, or from a URDF; limits set by hand are kept.
+            insertion: its arm was loaded by name, or from a file; limits set by hand are kept.
             path: the views asked for.
             fields: any other field of Scenario.
+
+        Raises:
+            OptionError: the arm holds joints that load_arm() was told to hold.
         """
         arm = insertion.arm
+        if arm.source is not None and arm.source.locked:
+            joint, angle = next(iter(arm.source.locked.items()))
+            raise OptionError(
+                f"{arm.name} holds {joint} at {angle:g} by load_arm(locked=...), which a scenario "
+                "does not keep; write an arm's file, my_robot.toml, with the joint in [locked], "
+                "and load that"
+            )
         given = {
-            "arm": arm.name,
-            "flange": None if arm.name in arm_names() else arm.flange,
+            "arm": arm.name if arm.name in arm_names() else os.path.abspath(arm.name),
+            "flange": None if names_its_flange(arm.name) else arm.flange,
             "angles_start": tuple(insertion.angles_start),
             "instrument": insertion.instrument,
             "trocar": insertion.trocar,
@@ -384,12 +408,11 @@ class Scenario:
             del data["planner_from"]
         if self.limits is not None:  # else as in files of earlier versions, whose digest stays
             data["limits"] = self.limits.to_data()
-        for name, kinds in _KINDS.items():
+        for name in _KINDS:
             if isinstance(self.path, Foreign) and name == "path":
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
                 continue
-            kind = {cls: kind for kind, cls in kinds.items()}[type(getattr(self, name))]
-            data[name] = {"kind": kind, **data[name]}
+            data[name] = {"kind": _kind_of(name, getattr(self, name)), **data[name]}
         return json.dumps(data, allow_nan=False)
 
     @classmethod
@@ -410,7 +433,7 @@ class Scenario:
             path = data["path"]
             if not isinstance(path["kind"], str):
                 raise TypeError(f"kind = {path['kind']!r:.50}, it must be text")
-            known = path["kind"] in _KINDS["path"]
+            known = any(path["kind"] in registry for registry in _KINDS["path"])
             numbers = {name: value for name, value in path.items() if name != "kind"}
             data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
             for part in _KINDS.keys() & data.keys() - {"path"}:
@@ -440,10 +463,10 @@ class Scenario:
             ) from error
 
 
-_KINDS: dict[str, Mapping[str, type]] = {
-    "path": ChainMap(PATHS, STEERED),
-    "motion": MOTIONS,
-    "plant": PLANTS,
+_KINDS: dict[str, tuple[Registry[Any], ...]] = {
+    "path": (PATHS, STEERED),
+    "motion": (MOTIONS,),
+    "plant": (PLANTS,),
 }
 """Fields of a scenario that are one of several kinds, and those kinds."""
 
@@ -452,9 +475,16 @@ def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
     """A path, motion or plant out of its own numbers and its ``kind``."""
     options = dict(data)
     kind = options.pop("kind")
-    if kind not in _KINDS[name]:
-        raise UnknownName(name, kind, _KINDS[name])
-    return _KINDS[name][kind](**options)
+    for registry in _KINDS[name]:
+        if kind in registry:
+            return registry[kind](**options)
+    raise UnknownName(name, kind, itertools.chain(*_KINDS[name]))
+
+
+def _kind_of(name: str, value: object) -> str | None:
+    """The ``kind`` of a path, motion or plant; None if its class is in no registry."""
+    kinds = (registry.name_of(type(value)) for registry in _KINDS[name])
+    return next(filter(None, kinds), None)
 
 
 def blocks(cycles: int) -> Iterator[range]:

@@ -163,12 +163,12 @@ def _check_possible(first: Command) -> None:
     """Refuse a controller that an error keeps from its first step: that does not get better.
 
     Raises:
-        InvalidProblem: with the error, as Controller.step() words it in its safe stop.
+        InvalidProblem: from the error.
     """
-    kind, colon, reason = first.stop.partition(": ")
-    if colon and kind.isidentifier():
-        error = reason if kind == InvalidProblem.__name__ else first.stop
-        raise InvalidProblem(f"the controller cannot make a single step: {error}")
+    error = first.error
+    if error is not None:
+        said = str(error) if isinstance(error, InvalidProblem) else first.stop
+        raise InvalidProblem(f"the controller cannot make a single step: {said}") from error
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:

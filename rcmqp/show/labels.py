@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
+from rcmqp.errors import RcmqpError
 from rcmqp.runs.head import Head
 from rcmqp.runs.run import Run
+from rcmqp.runs.vocabulary import MEASURES
+from rcmqp.world.loading import arm_names, load_arm
 
-GIVEN = {
-    "feed_forward": "feed-forward",
-    "limits_enforced": "joint limits enforced",
-    "period_ms": "T [ms]",
-    "gain": "K [1/s]",
-    "assumed": "limits assumed",
-}
-"""Title of each column of given_cells()."""
-
-_WORDS = {
-    "feed_forward": "feed-forward: {}",
-    "limits_enforced": "joint limits enforced: {}",
-    "period_ms": "T = {} ms",
-    "gain": "K = {} 1/s",
-    "assumed": "limits assumed: {}",
-}
+GIVEN = ("feed_forward", "limits_enforced", "period_ms", "gain", "assumed")
+"""Measures of given_cells(), in the order of columns."""
 
 TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits")
 """Options that given_cells() already tells."""
@@ -42,7 +31,10 @@ def given_cells(head: Head) -> dict[str, str]:
 
 def given_words(cells: Mapping[str, str]) -> dict[str, str]:
     """The same in words, for a legend or a caption, out of what given_cells() says."""
-    return {name: _WORDS[name].format(cells[name]) for name in GIVEN}
+    return {
+        name: f"{of.label} = {cells[name]} {of.unit}" if of.unit else f"{of.label}: {cells[name]}"
+        for name, of in ((name, MEASURES[name]) for name in GIVEN)
+    }
 
 
 def run_marks(runs: Sequence[Run]) -> tuple[list[str], list[list[str]]]:
@@ -76,3 +68,37 @@ def run_labels(runs: Sequence[Run]) -> list[str]:
         f"{label}, run {i + 1}" if labels.count(label) > 1 else label
         for i, label in enumerate(labels)
     ]
+
+
+def versions_text(runs: Sequence[Run]) -> str:
+    """What the runs were made with, and how long they are."""
+    versions = {f"{name} {version}" for run in runs for name, version in run.versions.items()}
+    lengths = _all(f"{run.time[-1]:.4g} s" for run in runs)
+    periods = _all(f"{1e3 * run.period:g} ms" for run in runs)
+    seeds = _all(str(run.scenario.seed) for run in runs)
+    return (
+        f"{lengths}, sampled every {periods}; {'seeds' if ' and ' in seeds else 'seed'} {seeds}; "
+        f"{', '.join(sorted(versions))}"
+    )
+
+
+def _all(texts: Iterable[str]) -> str:
+    """Each text once, in the order in which they come: a, b and c."""
+    *first, last = dict.fromkeys(texts)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def joint_units(head: Head) -> tuple[str, ...]:
+    """Unit of each joint's position, rad or m; rad of an arm that this machine does not have."""
+    scenario = head.scenario
+    home = None if scenario.arm in arm_names() else scenario.angles_start  # none is searched
+    try:
+        units = load_arm(scenario.arm, scenario.flange, home=home).joint_units
+    except RcmqpError:
+        units = ()
+    return units if len(units) == len(head.joints) else ("rad",) * len(head.joints)
+
+
+def unit_of(units: Iterable[str]) -> str:
+    """The unit of a number over several joints: each unit once, rad or m."""
+    return " or ".join(dict.fromkeys(units)) or "rad"

@@ -42,7 +42,7 @@ def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure
     """
     labels = labels or [", ".join(marks) for marks in run_marks(runs)[1]]
     figure = Figure(figsize=(4.8 * len(runs), 8.4), layout="constrained")
-    figure.suptitle(_shared_text(runs), fontsize=9)
+    figure.suptitle(_shared_text(runs, WIDE * min(2, len(runs))), fontsize=9)
     for i, run in enumerate(runs):
         above, below = (
             figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
@@ -179,11 +179,11 @@ def _one_arm(runs: Sequence[Run]) -> bool:
     return len({run.scenario.arm for run in runs}) == 1
 
 
-def _shared_text(runs: Sequence[Run]) -> str:
-    """What all runs share of their arm and of what they were given, in a line or two."""
+def _shared_text(runs: Sequence[Run], wide: int = 2 * WIDE) -> str:
+    """What all runs share of arm and settings, in lines of at most ``wide`` letters."""
     arm = [arm_title(runs[0].scenario.arm)] if _one_arm(runs) else []
     return _literal(
-        textwrap.fill(", ".join([*arm, *run_marks(runs)[0]]), 2 * WIDE, break_on_hyphens=False)
+        textwrap.fill(", ".join([*arm, *run_marks(runs)[0]]), wide, break_on_hyphens=False)
     )
 
 

@@ -1,46 +1,30 @@
-"""Runs in tables: a row for each, in CSV and in Markdown."""
+"""Runs in tables: a row for each, or a column for each."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rcmqp.runs.metrics import (
-    AFTER_THE_STOP,
-    ROUNDING,
-    after_the_stop,
-    against_limit,
-    compute_metrics,
-    readable,
-    until,
-)
-from rcmqp.runs.printable import csv_text
+from rcmqp.runs.measures import until
+from rcmqp.runs.metrics import ROUNDING, compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
-from rcmqp.show.labels import GIVEN, TOLD, given_cells, given_words
-from rcmqp.show.markdown import TitledTable
+from rcmqp.runs.vocabulary import MEASURES, meanings
+from rcmqp.show.labels import GIVEN, TOLD, given_cells, given_words, joint_units, unit_of
+from rcmqp.show.table import Table, definitions
 
 
 @dataclass(frozen=True)
 class Row:
     """What came of a case.
 
-    Attributes:
-        setting: the controller's, as Case has it; empty if it is not known.
-        feed_forward, limits_enforced, period_ms, gain: what the controller was given, as
-            given_cells() has it.
-        limits_kept: whether no joint left its position, speed, acceleration or jerk limits; None
-            of a case that was not run.
-        safe_stops: cycles that ended in the controller's safe stop.
-        acceleration_ratio_max, jerk_ratio_max: NaN, too, on arms without such limits.
-        assumed: which limits, acceleration or jerk, nobody has given, see Arm.assumed; or none.
-        errors_until_s, reversals_in_a_row and so on: see Metrics.
-        sparc, ldlj: smoothness of the tip's speed, see rcmqp.runs.smoothness.
-        file: name of the run's file in the comparison's folder.
-        failure: why there is no run; empty where there is one. Numbers are NaN then.
+    rcmqp.runs.vocabulary says what each number means. ``setting`` is the controller's as Case has
+    it, empty if it is not known; ``limits_kept`` is None of a case that was not run; ``file`` is
+    the name of the run's file in the comparison's folder. Of a case that failed, ``failure`` says
+    why, and its numbers are NaN.
     """
 
     scenario: str
@@ -68,6 +52,7 @@ class Row:
     acceleration_ratio_max: float = np.nan
     jerk_ratio_max: float = np.nan
     limit_margin_min_rad: float = np.nan
+    joint_unit: str = "rad"
     obstacle_distance_min_mm: float = np.nan
     saturated_share: float = np.nan
     singular_value_min: float = np.nan
@@ -91,51 +76,74 @@ class Row:
 TIMES = ("solve_time_median_us", "solve_time_p99_us")
 """What differs from run to run."""
 
-_LEAD = {
-    "scenario": "scenario",
-    "arm": "arm",
-    "controller": "controller",
-    **GIVEN,
-    "until": "rms until [s]",
-}
+_LEAD = ("scenario", "arm", "controller", *GIVEN, "errors_until_s")
 """Columns that say what a row is of; what all rows share stands in a table's title instead."""
 
-_ERRORS = {
-    "tip_rms_mm": "tip rms [mm]",
-    "orientation_rms_mrad": "orient. rms [mrad]",
-    "rcm_max_mm": "RCM max [mm]",
-    "limits_kept": "joint limits kept",
-    "speed_ratio_max": "speed / limit",
-    "acceleration_ratio_max": "acc. / limit",
-    "jerk_ratio_max": "jerk / limit",
-}
+_ERRORS = (
+    "tip_rms_mm",
+    "orientation_rms_mrad",
+    "rcm_max_mm",
+    "limits_kept",
+    "speed_ratio_max",
+    "acceleration_ratio_max",
+    "jerk_ratio_max",
+)
 
-_OVER_TIME = {
-    "contour_max_mm": "contour max [mm]",
-    "orientation_max_mrad": "orient. max [mrad]",
-    "reversals": "cycles with a reversal",
-    "overshoot_max_mm": "overshoot [mm]",
-    "settling_time_s": "below 1 mm after [s]",
-    "swing_ratio_end": "swing at the end / limit",
-}
+_OVER_TIME = (
+    "contour_max_mm",
+    "orientation_max_mrad",
+    "reversals",
+    "overshoot_max_mm",
+    "settling_time_s",
+    "swing_ratio_end",
+)
 
-_MORE = {
-    "tip_max_mm": "tip max [mm]",
-    "contour_rms_mm": "contour rms [mm]",
-    "lag_max_s": "lag max [s]",
-    "rcm_rms_mm": "RCM rms [mm]",
-    "reversals_in_a_row": "reversals in a row",
-    "reference_end_s": "reference stops [s]",
-    "step_ratio_max": "step of v / limit",
-    "limit_margin_min_rad": "margin to limits [rad]",
-    "obstacle_distance_min_mm": "to obstacle [mm]",
-    "singular_value_min": "singular value, least",
-    "saturated_share": "saturated",
-    "safe_stops": "stops",
-    "sparc": "SPARC",
-    "ldlj": "LDLJ",
-    "solve_time_median_us": "step [us]",
-}
+_MORE = (
+    "tip_max_mm",
+    "contour_rms_mm",
+    "lag_max_s",
+    "rcm_rms_mm",
+    "reversals_in_a_row",
+    "reference_end_s",
+    "step_ratio_max",
+    "limit_margin_min_rad",
+    "obstacle_distance_min_mm",
+    "singular_value_min",
+    "saturated_share",
+    "safe_stops",
+    "sparc",
+    "ldlj",
+    "solve_time_median_us",
+)
+
+METRICS_ROWS = (
+    "tip_rms_mm",
+    "tip_max_mm",
+    "contour_rms_mm",
+    "contour_max_mm",
+    "lag_max_s",
+    "rcm_rms_mm",
+    "rcm_max_mm",
+    "orientation_rms_mrad",
+    "orientation_max_mrad",
+    "depth_min_mm",
+    "depth_max_mm",
+    "speed_ratio_max",
+    "acceleration_ratio_max",
+    "jerk_ratio_max",
+    "limit_margin_min_rad",
+    "singular_value_min",
+    "tip_speed_rms_mm_s",
+    "reversals_in_a_row",
+    "reversals",
+    "step_ratio_max",
+    "reference_end_s",
+    "overshoot_max_mm",
+    "settling_time_s",
+    "swing_ratio_end",
+    "solve_time_median_us",
+)
+"""What a page says of each run, below what its controller was given."""
 
 
 def row_of(run: Run) -> Row:
@@ -156,6 +164,7 @@ def row_of(run: Run) -> Row:
         safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
         sparc=sparc(speed, run.period),
         ldlj=log_dimensionless_jerk(speed, run.period),
+        joint_unit=unit_of(joint_units(run.head)),
         digest=run.digest,
     )
 
@@ -163,10 +172,44 @@ def row_of(run: Run) -> Row:
 def as_csv(rows: Iterable[Row]) -> str:
     """All columns, full precision."""
     names = [item.name for item in dataclasses.fields(Row)]
-    return csv_text(names, (dataclasses.asdict(row) for row in rows))
+    return Table(names, [[getattr(row, name) for name in names] for row in rows]).csv()
 
 
-def tables(rows: Sequence[Row]) -> list[TitledTable]:
+def as_latex(rows: Sequence[Row]) -> str:
+    """All of tables(), for a document that uses booktabs."""
+    return "% needs \\usepackage{booktabs}\n" + "\n".join(each.latex() for each in tables(rows))
+
+
+def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> Table:
+    """What runs were given and their metrics down, runs across; what is missing says so."""
+    found = [compute_metrics(run) for run in runs]
+    given = [given_cells(run.head) for run in runs]
+    rows = [[MEASURES[name].row, *(each[name] for each in given)] for name in GIVEN]
+    ends = [until(each.errors_until_s, each.duration_s) for each in found]
+    rows.append([MEASURES["errors_until_s"].row, *ends])
+    unit = unit_of(unit for run in runs for unit in joint_units(run.head))
+    for name in METRICS_ROWS:
+        measure = MEASURES[name]
+        if name == "limit_margin_min_rad":
+            measure = dataclasses.replace(measure, unit=unit)
+        texts = [measure.text(getattr(metrics, name)) or "missing" for metrics in found]
+        rows.append([measure.row, *texts])
+    stops = [str(sum(map(len, run.stops.values()))) for run in runs]
+    return Table(["", *labels], [*rows, [MEASURES["safe_stops"].row, *stops]])
+
+
+def metrics_meanings() -> dict[str, str]:
+    """What the rows of metrics_table() mean."""
+    names = (*GIVEN, "errors_until_s", *METRICS_ROWS, "safe_stops")
+    return {MEASURES[name].row: MEASURES[name].meaning for name in names}
+
+
+def columns_explained() -> str:
+    """Markdown list: what the columns of tables() mean."""
+    return definitions(meanings((*_LEAD, *_ERRORS, *_OVER_TIME, *_MORE)))
+
+
+def tables(rows: Sequence[Row]) -> list[Table]:
     """Errors and limits; what happens over time; and what else there is.
 
     What every controller was given stands in each table. Several controllers get three tables for
@@ -182,10 +225,10 @@ def tables(rows: Sequence[Row]) -> list[TitledTable]:
 
 def as_markdown(rows: Sequence[Row]) -> str:
     """All of tables()."""
-    return "\n".join(each.markdown for each in tables(rows))
+    return "\n".join(each.markdown() for each in tables(rows))
 
 
-def _tables(rows: Sequence[Row], several: bool) -> list[TitledTable]:
+def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
     """Three tables; what all rows share is in the title, but for what tells controllers apart."""
     made = [row for row in rows if not row.failure]
     apart = ("controller", "feed_forward", "limits_enforced") if several else ()
@@ -195,7 +238,8 @@ def _tables(rows: Sequence[Row], several: bool) -> list[TitledTable]:
     found = [_table(f"Errors and limits{title}", rows, lead, _ERRORS)]
     if len(made) < len(rows):
         cells = [[*texts, row.failure] for texts, row in zip(found[0].rows, rows, strict=True)]
-        found[0] = dataclasses.replace(found[0], heads=[*found[0].heads, "failure"], rows=cells)
+        heads = [*found[0].heads, MEASURES["failure"].column]
+        found[0] = dataclasses.replace(found[0], heads=heads, rows=cells)
     if made:
         more = dataclasses.replace(_table(f"More{title}", made, lead, _MORE), main=False)
         found += [_table(f"Over time{title}", made, lead, _OVER_TIME), more]
@@ -206,24 +250,33 @@ def _words(row: Row, shared: Sequence[str]) -> str:
     """What all rows share, in the words of a caption."""
     words = {name: _lead(row, name) for name in ("scenario", "controller")}
     words |= given_words(dataclasses.asdict(row))
-    words |= {"arm": f"on {row.arm}", "until": f"rms until {_lead(row, 'until')} s"}
+    end = MEASURES["errors_until_s"]
+    words |= {"arm": f"on {row.arm}", end.name: f"{end.label} {_lead(row, end.name)} {end.unit}"}
     return ", ".join(words[name] for name in shared)
 
 
-def _table(
-    title: str, rows: Sequence[Row], lead: Sequence[str], titles: Mapping[str, str]
-) -> TitledTable:
-    heads = [_LEAD[name] for name in lead] + list(titles.values())
+def _table(title: str, rows: Sequence[Row], lead: Sequence[str], names: Sequence[str]) -> Table:
+    unit = unit_of(x for row in rows if not row.failure for x in row.joint_unit.split(" or "))
+    measures = [
+        dataclasses.replace(MEASURES[name], unit=unit)
+        if name == "limit_margin_min_rad"
+        else MEASURES[name]
+        for name in names
+    ]
+    heads = [MEASURES[name].column for name in lead] + [measure.column for measure in measures]
     cells = [
-        [*(_lead(row, name) for name in lead), *(_cell(row, name) for name in titles)]
+        [
+            *(_lead(row, name) for name in lead),
+            *("" if row.failure else each.text(getattr(row, each.name)) for each in measures),
+        ]
         for row in rows
     ]
-    return TitledTable(title, heads, cells, len(lead))
+    return Table(heads, cells, len(lead), title)
 
 
 def _lead(row: Row, name: str) -> str:
     """What a row is of, in a column of _LEAD."""
-    if name == "until":
+    if name == "errors_until_s":
         return "" if row.failure else until(row.errors_until_s, row.duration_s)
     if name == "controller":
         options = row.setting.partition(":")[2].split(",")
@@ -231,19 +284,3 @@ def _lead(row: Row, name: str) -> str:
             [row.controller, *(text for text in options if text.partition("=")[0] not in TOLD)]
         ).removesuffix(", ")
     return str(getattr(row, name))
-
-
-def _cell(row: Row, name: str) -> str:
-    """A number of a row, for people."""
-    value = getattr(row, name)
-    if row.failure or value is None:
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if name in AFTER_THE_STOP:
-        return after_the_stop(value)
-    if name in ("acceleration_ratio_max", "jerk_ratio_max", "limit_margin_min_rad"):
-        return against_limit(value)
-    if np.isinf(value):
-        return "none"
-    return "" if np.isnan(value) else readable(value, ".3g")

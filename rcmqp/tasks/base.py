@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp import _kernel
+from rcmqp._kernel import Block, frozen, record
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Level
@@ -21,11 +21,26 @@ from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
-Program: TypeAlias = tuple[tuple[float, ...], tuple[ArrayLike, ...]]
-"""Kind, root of the weight and parameters; vectors (nv,)."""
+Cycle: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]
+"""Arrays of a state and a reference, in the order in which compiled code takes them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def cycle(state: ArmState, reference: Reference) -> Cycle:
+    """What compiled code is given of a state and a reference."""
+    return (
+        state.x,
+        state.J_local,
+        state.angles,
+        state.v,
+        state.a,
+        reference.x_d,
+        reference.x_d_dot,
+        reference.pivot,
+        reference.pivot_dot,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Residual:
     """Linear model of a task's error: d(error)/dt = jacobian @ v + drift.
 
@@ -45,22 +60,20 @@ class Residual:
     jacobian: Array
     drift: Array
 
-    def __post_init__(self) -> None:
+    def __new__(cls, error: ArrayLike, jacobian: ArrayLike, drift: ArrayLike) -> Self:
         """Copy, protect and check the shapes."""
-        for name in self.__slots__:
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        m = self.error.shape
-        if (
-            len(m) != 1
-            or self.jacobian.ndim != 2
-            or not m == self.jacobian.shape[:1] == self.drift.shape
-        ):
+        e, J, d = frozen(error, -1), frozen(jacobian, -1, -1), frozen(drift, -1)
+        if e is None or J is None or d is None or not e.size == len(J) == d.size:
             raise InvalidProblem(
-                f"error {m}, jacobian {self.jacobian.shape} and drift {self.drift.shape} do not "
-                "belong together; a task of m rows has (m,), (m, nv) and (m,)"
+                f"error {np.shape(error)}, jacobian {np.shape(jacobian)} and drift "
+                f"{np.shape(drift)} do not belong together; a task of m rows has (m,), (m, nv) "
+                "and (m,)"
             )
+        return record(cls, e, J, d)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array]]:
+        """Copies are made by the same door."""
+        return type(self), (self.error, self.jacobian, self.drift)
 
 
 DAMPING = {"m": 0.01, "rad": 0.03}
@@ -70,52 +83,18 @@ DAMPINGS = 1e-6, 1e3
 """Least and largest damping of a level that is not strict: beyond them rounding decides."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Approach:
-    """How fast an error may be reduced if the joints are still to stop it at zero.
+def block_of(item: object) -> Block | None:
+    """The compiled rows of a task or a limit, or value of an objective; None without any.
 
-    A task wants the rate -gain e. Where |e| is large the joints could not stop from that in
-    time, and the error would overshoot. With n = e / |e| and w = [above; A]^+ [0; n] the joints'
-    part in it, damped by the level's damping, they can slow it down at min_j a_j / |w_j| at the
-    most, and change that at min_j j_j / |w_j|. So the rate is at most that from which a stop ends
-    at zero, at ``share`` of that acceleration and half of that jerk. Where jerk is limited, a new
-    rate is approached no faster than at the acceleration that can be eased off by the time it is
-    there; see kernel/approach.c. All this is continuous in the state, and changes nothing where
-    errors are small and the joints' acceleration leads to the wanted rate, as in following a path.
-
-    Attributes:
-        v: (nv,) the last command.
-        a: (nv,) its last change over the period.
-        acceleration: (nv,) limits, inf for none.
-        jerk: (nv,) limits, inf for none.
-        share: of the acceleration limits that is counted on; 0 for -gain e throughout.
-        period: sampling period T [s].
-        above: (m, nv) rows of the levels above, which the task has to leave as they are.
+    A derived class that has an evaluate() of its own is asked that, whatever it derives from.
     """
-
-    v: Array
-    a: Array
-    acceleration: Array
-    jerk: Array
-    share: float
-    period: float
-    above: Array
-
-    def rate(
-        self, rows: Array, error: Array, carried: Array, gain: float, damping: float
-    ) -> Array:
-        """Rate (m,) that a task may ask for.
-
-        Args:
-            rows: (m, nv) of the task.
-            error: (m,).
-            carried: (m,) minus what the error changes by while the joints stand still.
-            gain: [1/s].
-            damping: of the level; 0 where it is strict.
-        """
-        braking = np.array([self.period, self.share])
-        task = self.above, np.ascontiguousarray(rows), error, carried, gain, damping
-        return _kernel.approached(*task, self.v, self.a, self.acceleration, self.jerk, braking)
+    for cls in type(item).__mro__:
+        if "block" in vars(cls):
+            found: Block | None = getattr(item, "block")  # noqa: B009  (not every item has one)
+            return found
+        if "evaluate" in vars(cls):
+            return None
+    return None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,26 +151,17 @@ class Task(abc.ABC):
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error, Jacobian and drift at ``state``."""
 
-    def program(self) -> Program | None:
-        """The task for compiled code, see rcmqp/kernel/rows.h; None: evaluate() is called."""
-        return None
+    def level(self, state: ArmState, reference: Reference) -> Level:
+        """The task as a level of a hierarchy, errors reduced in proportion, at its gain.
 
-    def level(
-        self, state: ArmState, reference: Reference, approach: Approach | None = None
-    ) -> Level:
-        """The task as a level of a hierarchy, in the error's unit per second.
-
-        Args:
-            state: of the arm.
-            reference: what is asked.
-            approach: how fast errors may be reduced; without one, in proportion.
+        The rows are in the error's unit per second.
 
         Raises:
             InvalidProblem: what evaluate() gives does not belong together, or is no Residual.
         """
-        residual, damping = self.residual(state, reference), self.speed_damping
-        wanted = self._wanted(residual, 1.0, damping, approach)
-        return Level(residual.jacobian, wanted, self.name, damping=damping)
+        residual = self.residual(state, reference)
+        wanted = -self.gain * residual.error - residual.drift
+        return Level(residual.jacobian, wanted, self.name, damping=self.speed_damping)
 
     def residual(self, state: ArmState, reference: Reference) -> Residual:
         """What evaluate() gives, checked.
@@ -209,21 +179,28 @@ class Task(abc.ABC):
             )
         return residual
 
-    def _wanted(
-        self, residual: Residual, root: float, damping: float, approach: Approach | None
-    ) -> Array:
-        """The rate asked for, minus drift (m,); all rows are multiplied by ``root`` for it."""
-        if approach is None or residual.jacobian.shape[1] != approach.v.size:
-            return -self.gain * residual.error - residual.drift
-        rows, error, carried = (
-            root * part for part in (residual.jacobian, residual.error, -residual.drift)
-        )
-        rate = approach.rate(rows, error, carried, self.gain, damping)
-        return rate / root - residual.drift
+    def __getstate__(self) -> dict[str, Any]:
+        """The options: what is made of them is made anew."""
+        return {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
 
     def __add__(self, other: Task | Together) -> Together:
         """Both on one level."""
         return Together((self,)) + other
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CompiledTask(Task):
+    """A task whose rows are compiled: those of its ``block``."""
+
+    @property
+    @abc.abstractmethod
+    def block(self) -> Block | None:
+        """The rows, made once of the options."""
+
+    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+        """Error, Jacobian and drift at ``state``."""
+        assert self.block is not None
+        return record(Residual, *self.block.rows(*cycle(state, reference)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,16 +231,12 @@ class Together:
         """The largest of the tasks', each multiplied by the root of its weight."""
         return max(math.sqrt(task.weight) * task.speed_damping for task in self.tasks)
 
-    def level(
-        self, state: ArmState, reference: Reference, approach: Approach | None = None
-    ) -> Level:
+    def level(self, state: ArmState, reference: Reference) -> Level:
         """All rows, each multiplied by the root of its task's weight; see Task.level()."""
-        damping, A, b = self.speed_damping, [], []
-        for task in self.tasks:
-            residual, root = task.residual(state, reference), math.sqrt(task.weight)
-            A.append(root * residual.jacobian)
-            b.append(root * task._wanted(residual, root, damping, approach))
-        return Level(np.vstack(A), np.concatenate(b), self.name, damping=damping)
+        parts = [(math.sqrt(task.weight), task.level(state, reference)) for task in self.tasks]
+        A = np.vstack([root * part.A for root, part in parts])
+        b = np.concatenate([root * part.b for root, part in parts])
+        return Level(A, b, self.name, damping=self.speed_damping)
 
     def __add__(self, other: Task | Together) -> Together:
         """All on one level."""

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
-import pinocchio as pin
-
-from rcmqp.references.view import Reference
-from rcmqp.tasks.base import Residual, Task
-from rcmqp.tasks.desired import desired
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.tasks.base import CompiledTask
 
 
 @dataclass(frozen=True, eq=False)
-class DepthTask(Task):
+class DepthTask(CompiledTask):
     """Bring the insertion depth to that of the desired effector.
 
     Both are measured along a shaft, its own each, from the trocar: depth = tip_depth - r_z with
@@ -28,11 +25,7 @@ class DepthTask(Task):
     name: ClassVar[str] = "depth"
     unit: ClassVar[str] = "m"
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+    @functools.cached_property
+    def block(self) -> Block:
         """Error (1,) [m], positive when too deep."""
-        d, oMe = desired(reference), state.oMe
-        r, r_d = oMe.actInv(reference.pivot), d.R.T @ (reference.pivot - d.p)
-        nu, omega = state.J_local[:3], state.J_local[3:]
-        jacobian = nu - pin.skew(r) @ omega
-        drift = pin.skew(r_d) @ d.omega - d.nu + (d.R - oMe.rotation).T @ reference.pivot_dot
-        return Residual((r_d - r)[2:], jacobian[2:], drift[2:])
+        return Block("depth")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import pinocchio as pin
-
-from rcmqp.references.view import Reference
-from rcmqp.tasks.base import Residual, Task
-from rcmqp.tasks.desired import desired
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.tasks.base import CompiledTask
 
 
 @dataclass(frozen=True, eq=False)
-class DirectionTask(Task):
+class DirectionTask(CompiledTask):
     """Point the shaft as the desired effector points its own.
 
     The desired shaft axis z_d, seen from the effector, is u = R^T z_d; on target it is e_z. The
@@ -30,11 +26,7 @@ class DirectionTask(Task):
     name: ClassVar[str] = "direction"
     unit: ClassVar[str] = "rad"
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+    @functools.cached_property
+    def block(self) -> Block:
         """Error (2,), no unit, in the effector's axes, x and y."""
-        d = desired(reference)
-        eRd = state.oMe.rotation.T @ d.R
-        u = eRd[:, 2]
-        jacobian = pin.skew(u) @ state.J_local[3:]
-        drift = eRd @ np.array([d.omega[1], -d.omega[0], 0.0])
-        return Residual(u[:2], jacobian[:2], drift[:2])
+        return Block("direction")

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import math
+import functools
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.references.view import Reference
-from rcmqp.tasks.base import Program, Residual, Task, check_finite, check_positive
+from rcmqp.tasks.base import CompiledTask, Residual, block_of, check_finite, check_positive
 from rcmqp.tasks.objectives import Objective, make_objective
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectiveTask(Task):
+class ObjectiveTask(CompiledTask):
     """Move the joints up an objective's gradient: v = K_c (c_d - c) J_c^T, equation (4).
 
     A velocity is wanted, not a value, so the rows are the joints': jacobian identity, drift
@@ -30,7 +31,8 @@ class ObjectiveTask(Task):
     bound, as 1 / |J_c|. The ascent's speed goes to zero with the gradient.
 
     made_for() takes the objective of the paper's controller: singularity_product on arms of
-    that kind, manipulability on others; or one of OBJECTIVES by its name.
+    that kind, manipulability on others, and joint_centring where there are fewer than six joints,
+    whose manipulability is always zero; or one of OBJECTIVES by its name.
 
     Attributes:
         objective: c and its gradient J_c.
@@ -63,21 +65,24 @@ class ObjectiveTask(Task):
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
         """The arm's own objective, unless another, or the name of one, is given."""
         own = "manipulability" if insertion.arm.srs_offsets is None else "singularity_product"
+        own = own if insertion.arm.nv >= 6 else "joint_centring"
         objective = options.pop("objective", own)
         if isinstance(objective, str):
             objective = make_objective(objective, insertion.arm)
         return cls(objective, **options)
 
+    @functools.cached_property
+    def block(self) -> Block | None:
+        """The rows, where the objective is compiled."""
+        inner = block_of(self.objective)
+        if inner is None:
+            return None
+        return Block("objective", K_c=self.K_c, c_d=self.c_d, objective=inner)
+
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error (nv,) zero; drift (nv,) minus the wanted joint velocity."""
+        if self.block is not None:
+            return super().evaluate(state, reference)
         c, J_c = self.objective.evaluate(state)
         nv = J_c.size
         return Residual(np.zeros(nv), np.eye(nv), -self.K_c * (self.c_d - c) * J_c)
-
-    def program(self) -> Program | None:
-        """For compiled code, where the objective is in it."""
-        found = self.objective.program()
-        if found is None:
-            return None
-        kind, vectors = found
-        return (kind, math.sqrt(self.weight), self.K_c, self.c_d), vectors

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
+import functools
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from rcmqp import _kernel
-from rcmqp.maths import dualquaternion as dq
-from rcmqp.maths.dualquaternion import C8
-from rcmqp.references.view import Reference
-from rcmqp.tasks.base import Program, Residual, Task
-from rcmqp.world.arm import ArmState
+from rcmqp._kernel import Block
+from rcmqp.tasks.base import CompiledTask
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTask(Task):
+class PoseTask(CompiledTask):
     """Bring the effector to x_d by the dual-quaternion error of equation (3).
 
         e = vec(1 - x* x_d),   de/dt = -N v - vec(x* x_d'),   N = H-(x_d) C8 J_dq
@@ -32,14 +28,7 @@ class PoseTask(Task):
 
     damping: float | None = field(default=0.005, kw_only=True)
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+    @functools.cached_property
+    def block(self) -> Block:
         """Error (8,), no unit for the rotation and [m] for half the translation."""
-        side = -1.0 if dq.P(state.x) @ dq.P(reference.x_d) < 0.0 else 1.0
-        x_d, x_d_dot = side * reference.x_d, side * reference.x_d_dot
-        x_conj = dq.conj(state.x)
-        N = dq.H8_minus(x_d) @ C8 @ state.J_dq
-        return Residual(dq.IDENTITY - dq.mul(x_conj, x_d), -N, -dq.mul(x_conj, x_d_dot))
-
-    def program(self) -> Program:
-        """For compiled code."""
-        return (_kernel.POSE, math.sqrt(self.weight), self.gain, 0.0), ()
+        return Block("pose")

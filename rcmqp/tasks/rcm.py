@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-import pinocchio as pin
-
-from rcmqp import _kernel
+from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
-from rcmqp.references.view import Reference
-from rcmqp.tasks.base import Program, Residual, Task
-from rcmqp.world.arm import ArmState, kinematic_hessian
+from rcmqp.tasks.base import CompiledTask
 
 
 @dataclass(frozen=True, eq=False)
-class RcmTask(Task):
+class RcmTask(CompiledTask):
     """Keep the shaft on the trocar.
 
     With (R, p) the effector's placement and (nu, omega) its twist in its own axes, the trocar
@@ -56,28 +52,10 @@ class RcmTask(Task):
     def __post_init__(self) -> None:
         """Check the options."""
         super().__post_init__()
-        if not 0.0 <= self.period < np.inf:
+        if not 0.0 <= self.period < math.inf:
             raise OptionError(f"period = {self.period} s, it must be 0 or more, and finite")
 
-    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+    @functools.cached_property
+    def block(self) -> Block:
         """Error (2,) [m], the trocar in the effector's axes, x and y."""
-        r = state.oMe.actInv(reference.pivot)
-        nu, omega = state.J_local[:3], state.J_local[3:] * np.array([[1.0], [1.0], [0.0]])
-        jacobian = pin.skew(r) @ omega - nu
-        carried = state.oMe.rotation.T @ reference.pivot_dot
-        drift = carried
-        if self.period > 0.0:
-            change = np.einsum("aij,i,j", kinematic_hessian(state.J_local), state.v, state.v)
-            twist = state.J_local @ state.v
-            spin = np.array([0.0, 0.0, twist[5]])
-            nu_dot = change[:3] + np.cross(spin, twist[:3])
-            omega_dot = change[3:] + np.cross(spin, twist[3:])
-            omega_dot[2] = 0.0
-            moving = jacobian @ state.v + 2.0 * carried
-            bend = np.cross(moving, omega @ state.v) + np.cross(r, omega_dot) - nu_dot
-            drift = carried + 0.5 * self.period * bend
-        return Residual(r[:2], jacobian[:2], drift[:2])
-
-    def program(self) -> Program:
-        """For compiled code."""
-        return (_kernel.RCM, math.sqrt(self.weight), self.gain, self.period), ()
+        return Block("rcm", period=self.period)

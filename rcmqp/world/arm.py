@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import functools
-import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,30 @@ _jacobian, _xyzquat = pin.getFrameJacobian, pin.SE3ToXYZQUAT
 
 _LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
 """(3, 3, 3): (a x b)_i = sum_jk e[i, j, k] a_j b_k."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelSource:
+    """Where an arm's model comes from.
+
+    Attributes:
+        urdf: the file that the model was read from.
+        text: the URDF that the model was made of, with the base where it stands.
+        sha256: of the URDF's file; with an arm's file of one's own, of that one as well.
+        packages: folders in which the meshes of package:// are looked for.
+        locked: joints on the way to the flange that are held because load_arm() was told so,
+            with their positions.
+        sources: where the numbers in the arm's file come from, by topic.
+        notes: sentences on what was assumed or left out when the arm was loaded.
+    """
+
+    urdf: Path
+    text: str
+    sha256: str
+    packages: tuple[Path, ...] = ()
+    locked: Mapping[str, float] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +98,27 @@ class ArmState:
         return 0.5 * dq.H8_plus(self.x) @ twist
 
 
+class _Scratch(threading.local):
+    """A pin.Data for each thread, so that none writes over what another one reads.
+
+    Attributes:
+        model: whose data it is.
+        data: the thread's own.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.data = model, model.createData()
+
+    def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
+        """A copy has data of its own."""
+        return _Scratch, (self.model,)
+
+
 class Arm(Limited):
     """A Pinocchio model, its tool flange and its home.
 
     Made by load_arm(). Every joint has one degree of freedom and moves the flange; velocity
-    index i is joint i of the chain.
+    index i is joint i of the chain. Any number of threads may use one.
 
     Attributes:
         name: the name it was loaded by.
@@ -87,12 +127,11 @@ class Arm(Limited):
         model: Pinocchio's model.
         flange: name of the frame that the instrument is mounted on.
         jMflange: placement of the flange in the last joint's frame.
-        home: (nv,) joint angles of the named starting pose [rad].
         lower, upper, velocity, acceleration, jerk, speed_near_limits: see Limited.
         middle: (nv,) middle of the position limits; 0 for continuous joints.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
             spherical-revolute-spherical arm that is straight at zero; None for other arms.
-        urdf: the file that the model was read from.
+        source: the file that the model was read from, and what is known of it.
     """
 
     def __init__(
@@ -104,13 +143,14 @@ class Arm(Limited):
         title: str | None = None,
         licence: str = "unknown",
         home: ArrayLike | None = None,
+        home_search: Callable[[Arm], Array] | None = None,
         flange_offset: pin.SE3 | None = None,
         acceleration: Given | None = None,
         jerk: Given | None = None,
         speed_near_limits: SpeedNearLimits | None = None,
         by_hand: Mapping[str, Any] | None = None,
         srs_offsets: ArrayLike | None = None,
-        urdf: Path | None = None,
+        source: ModelSource | None = None,
     ) -> None:
         """Make an arm of a model.
 
@@ -120,7 +160,9 @@ class Arm(Limited):
             name: what it is called.
             title: what people call it; the name without it.
             licence: of the model file.
-            home: (nv,) joint angles of the starting pose; the middle without it.
+            home: (nv,) joint angles of the starting pose.
+            home_search: finds them where they are first needed and not given; the middle of the
+                limits without it.
             flange_offset: placement of the flange in its frame.
             acceleration: what is known of the limits, see Given; the speed limit over SPEED_TIME
                 is assumed of other joints.
@@ -129,11 +171,11 @@ class Arm(Limited):
             by_hand: limits by their name in ArmLimits, each of which takes the place of the arm's
                 own.
             srs_offsets: see the attribute.
-            urdf: the file that the model was read from.
+            source: the file that the model was read from.
         """
         frame = find_frame(model, flange)
         self.model, self.flange, self.name = model, flange, name
-        self.title, self.licence, self.urdf = title or name, licence, urdf
+        self.title, self.licence, self.source = title or name, licence, source
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
         self.jMflange = frame.placement * offset
@@ -159,7 +201,8 @@ class Arm(Limited):
         middle = np.zeros(model.nv)
         middle[limited] = (self.lower[limited] + self.upper[limited]) / 2
         self.middle = _vector("middle", middle, model.nv)
-        self.home = _vector("home", middle if home is None else home, model.nv)
+        self._given_home = None if home is None else _vector("home", home, model.nv)
+        self._home_search = home_search
 
     def __repr__(self) -> str:
         return f"Arm({self.name!r}, nv={self.nv}, flange={self.flange!r})"
@@ -188,10 +231,10 @@ class Arm(Limited):
             InvalidCommand: q, v or a has the wrong size.
         """
         nq, nv = self._sizes
-        q = _sized(q, nq, "configuration q")
+        q = _sized(q, nq, "configuration q", self._hint(q))
         v = self._still if v is None else _sized(v, nv, "joint velocity v")
         a = self._still if a is None else _sized(a, nv, "joint acceleration a")
-        model, data, effector = self._kinematics, self._data, self._effector
+        model, data, effector = self._kinematics, self._scratch.data, self._effector
         _jacobians(model, data, q)  # runs forward kinematics too
         oMe = _placement(model, data, effector)
         J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
@@ -202,7 +245,8 @@ class Arm(Limited):
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
         oMe = self.state(q).oMe
-        joints = [self._data.oMi[i].translation for i in range(self.model.njoints)]
+        data = self._scratch.data
+        joints = [data.oMi[i].translation for i in range(self.model.njoints)]
         return np.array([*joints, oMe.translation])
 
     def angles(self, q: ArrayLike) -> Array:
@@ -214,8 +258,18 @@ class Arm(Limited):
             angles[self._turning] = np.arctan2(sine, cosine)
         return angles
 
-    def configuration(self, angles: ArrayLike) -> Array:
-        """Configuration (nq,) of joint coordinates (nv,); inverse of angles()."""
+    def configuration(self, angles: ArrayLike | Mapping[str, float]) -> Array:
+        """Configuration (nq,) of joint coordinates (nv,); inverse of angles().
+
+        The coordinates may also be given by the joints' names, in any order, as a robot reports
+        them; other joints that it reports, such as a gripper's, are passed over.
+
+        Raises:
+            InvalidCommand: a joint is missing, a coordinate is not finite, or there are too many
+                or too few.
+        """
+        if isinstance(angles, Mapping):
+            angles = self._in_order(angles)
         angles = _checked(angles, self.nv, "joint angles")
         q = np.zeros(self.nq)
         q[self._idx_q] = np.where(self._continuous, np.cos(angles), angles)
@@ -243,9 +297,22 @@ class Arm(Limited):
         self._check_inside(_checked(angles, self.nv, "joint angles"))
 
     @functools.cached_property
+    def home(self) -> Array:
+        """(nv,) joint angles of the named starting pose [rad]."""
+        if self._given_home is not None:
+            return self._given_home
+        search = self._home_search
+        return _vector("home", self.middle if search is None else search(self), self.nv)
+
+    @property
+    def urdf(self) -> Path | None:
+        """The file that the model was read from; None where it came from none."""
+        return None if self.source is None else self.source.urdf
+
+    @property
     def sha256(self) -> str:
-        """Of the URDF; empty where the model came from none."""
-        return "" if self.urdf is None else hashlib.sha256(self.urdf.read_bytes()).hexdigest()
+        """Of what the model was read from; empty where it came from no file."""
+        return "" if self.source is None else self.source.sha256
 
     @functools.cached_property
     def reach(self) -> float:
@@ -259,17 +326,27 @@ class Arm(Limited):
         )
         return max(_climb(flange, angles, shoulder) for angles in starts[:8])
 
-    def _copy(self) -> Arm:
-        arm = object.__new__(Arm)
-        arm.__dict__.update(self.__dict__)
-        return arm
+    def _hint(self, q: ArrayLike) -> str:
+        """What to do about joint angles in place of a configuration; else empty."""
+        if self.nq == self.nv or np.shape(q) != (self.nv,):
+            return ""
+        return "; arm.configuration(angles) makes one of joint angles, as some of them are endless"
+
+    def _in_order(self, angles: Mapping[str, float]) -> Array:
+        """Joint coordinates (nv,) out of those given by name."""
+        if missing := [joint for joint in self.joints if joint not in angles]:
+            raise InvalidCommand(
+                f"joint angles without {', '.join(missing)}, but with {', '.join(angles)}; give "
+                f"all of {', '.join(self.joints)}"
+            )
+        return np.array([angles[joint] for joint in self.joints], dtype=float)
 
     def _put_effector(self, jMe: pin.SE3) -> None:
         """Put the effector at a placement seen from the last joint: a frame of its own."""
         self._kinematics = self.model.copy()
         effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
         self._effector = self._kinematics.addFrame(effector)
-        self._data = self._kinematics.createData()
+        self._scratch = _Scratch(self._kinematics)
 
     def _frozen_angles(self, q: Array) -> Array:
         """Joint coordinates (nv,) of q (nq,), not to be written."""
@@ -310,11 +387,11 @@ def kinematic_hessian(J_local: Array) -> Array:
     return np.asarray(beyond * np.concatenate([w_x_v - w_x_v.transpose(0, 2, 1), w_x_w]))
 
 
-def _sized(values: ArrayLike, size: int, what: str) -> Array:
+def _sized(values: ArrayLike, size: int, what: str, hint: str = "") -> Array:
     """A copy (size,) of the values that cannot be written."""
     array = _kernel.frozen(values, size)
     if array is None:
-        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},)")
+        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},){hint}")
     return array
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import options, or_none, part, refused, rule
 
 SPEED_TIME = 0.5
 """Time in which a joint reaches its speed limit, where its acceleration is not known [s].
@@ -39,6 +40,95 @@ GivenPosition = Interval | Array | Sequence[Sequence[float] | None] | Mapping[st
 """Lower and upper limit for all joints, for each (None keeps its own), or by joint name."""
 
 
+def _check_size(name: str, size: int, joints: Sequence[str]) -> None:
+    if size != len(joints):
+        raise OptionError(
+            f"{name} has shape ({size},), the arm has {len(joints)} joints; give one number for "
+            f"all joints, one for each, or numbers by name of joint ({', '.join(joints)})"
+        )
+
+
+def _plain(
+    name: str, given: Any, joints: Sequence[str] = ()
+) -> float | tuple[float | None, ...] | None:
+    """A positive number, or a tuple of such numbers and None."""
+    if given is None or _is_scalar(given):
+        return None if given is None else _positive(name, given)
+    values = tuple(given)
+    if joints:
+        _check_size(name, len(values), joints)
+    names = joints or [f"joint {i}" for i in range(1, len(values) + 1)]
+    return tuple(
+        None if value is None else _positive(f"{name} of {joint}", value, name)
+        for joint, value in zip(names, values, strict=True)
+    )
+
+
+def _plain_position(name: str, given: Any, joints: Sequence[str] = ()) -> Any:
+    """A pair, or a tuple of pairs and None."""
+    if given is None:
+        return None
+    if _is_scalar(given):
+        raise refused(name, given, "a lower and an upper limit")
+    values = tuple(given)
+    if len(values) == 2 and all(x is not None and _is_scalar(x) for x in values):
+        return _interval(name, values)
+    if joints:
+        _check_size(name, len(values), joints)
+    names = joints or [f"joint {i}" for i in range(1, len(values) + 1)]
+    return tuple(
+        None if pair is None else _interval(f"{name} of {joint}", pair)
+        for joint, pair in zip(names, values, strict=True)
+    )
+
+
+def _interval(what: str, pair: Any) -> Interval:
+    try:
+        lower, upper = (_number(what, x) for x in pair)
+    except (TypeError, ValueError) as error:
+        raise refused(what, pair, "a lower and an upper limit") from error
+    if not lower < upper:
+        raise OptionError(f"{what} = ({lower}, {upper}), the first must be below the second")
+    return lower, upper
+
+
+def _positive(what: str, given: Any, name: str = "") -> float:
+    value, name = _number(what, given), name or what
+    if not value > 0.0:
+        hint = "" if name == "velocity" else "; math.inf is no limit"
+        raise OptionError(f"{what} = {value:g} {UNITS[name]}, it must be positive{hint}")
+    if name == "velocity" and math.isinf(value):
+        raise OptionError(
+            f"{what} = {value:g} rad/s, it must be finite; give the speed that the joint reaches"
+        )
+    return value
+
+
+def _is_scalar(given: Any) -> bool:
+    return (
+        isinstance(given, str)
+        or not hasattr(given, "__len__")
+        or getattr(given, "shape", None) == ()
+    )
+
+
+def _number(what: str, given: Any) -> float:
+    if isinstance(given, str | bool):
+        raise refused(what, given, "a number")
+    try:
+        return float(given)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise refused(what, given, "a number") from error
+
+
+def _numbers(name: str, given: Any) -> tuple[float, ...]:
+    try:
+        return tuple(_number(f"speed_near_limits.{name}", value) for value in given)
+    except TypeError as error:
+        raise refused(f"speed_near_limits.{name}", given, "one number a joint") from error
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class SpeedNearLimits:
     """Speed limits that fall towards the ends of a joint's travel, as those of Franka's FR3.
@@ -56,18 +146,13 @@ class SpeedNearLimits:
         lower, upper: (nv,) angles at which the root is zero [rad]; infinite without such a limit.
     """
 
-    offset: tuple[float, ...]
-    deceleration: tuple[float, ...]
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
+    offset: tuple[float, ...] = field(metadata=rule(_numbers))
+    deceleration: tuple[float, ...] = field(metadata=rule(_numbers))
+    lower: tuple[float, ...] = field(metadata=rule(_numbers))
+    upper: tuple[float, ...] = field(metadata=rule(_numbers))
 
     def __post_init__(self) -> None:
-        """Make plain numbers of what was given, and check them."""
-        for item in dataclasses.fields(self):
-            values = tuple(
-                _number(f"speed_near_limits.{item.name}", x) for x in getattr(self, item.name)
-            )
-            object.__setattr__(self, item.name, values)
+        """Check that the numbers belong together."""
         rows = list(zip(self.offset, self.deceleration, self.lower, self.upper, strict=False))
         if any(len(getattr(self, item.name)) != len(rows) for item in dataclasses.fields(self)):
             raise OptionError(
@@ -95,6 +180,7 @@ class SpeedNearLimits:
         return 0.0 - down, up
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class ArmLimits:
     """Limits given by hand in place of an arm's own; None keeps the arm's own.
@@ -106,21 +192,17 @@ class ArmLimits:
         speed_near_limits: speed limits that depend on the position.
     """
 
-    position: Interval | tuple[Interval | None, ...] | None = None
-    velocity: float | tuple[float | None, ...] | None = None
-    acceleration: float | tuple[float | None, ...] | None = None
-    jerk: float | tuple[float | None, ...] | None = None
-    speed_near_limits: SpeedNearLimits | None = None
-
-    def __post_init__(self) -> None:
-        """Make plain numbers of what was given, and check them."""
-        for name in UNITS:
-            object.__setattr__(self, name, _plain(name, getattr(self, name)))
-        object.__setattr__(self, "position", _plain_position(self.position))
-        if not isinstance(self.speed_near_limits, SpeedNearLimits | None):
-            raise OptionError(
-                f"speed_near_limits = {self.speed_near_limits!r} is not of that kind"
-            )
+    position: Interval | tuple[Interval | None, ...] | None = field(
+        default=None, metadata=rule(_plain_position)
+    )
+    velocity: float | tuple[float | None, ...] | None = field(default=None, metadata=rule(_plain))
+    acceleration: float | tuple[float | None, ...] | None = field(
+        default=None, metadata=rule(_plain)
+    )
+    jerk: float | tuple[float | None, ...] | None = field(default=None, metadata=rule(_plain))
+    speed_near_limits: SpeedNearLimits | None = field(
+        default=None, metadata=or_none(part(SpeedNearLimits))
+    )
 
     def given(self) -> dict[str, Any]:
         """Those that are not None, by name: what load_arm() takes."""
@@ -137,10 +219,7 @@ class ArmLimits:
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
         """The inverse of to_data()."""
-        given = {name: _with_infinity(value) for name, value in data.items()}
-        if "speed_near_limits" in given:
-            given["speed_near_limits"] = SpeedNearLimits(**given["speed_near_limits"])
-        return cls(**given)
+        return cls(**{name: _with_infinity(value) for name, value in data.items()})
 
 
 def per_joint(name: str, given: Given, joints: Sequence[str]) -> Array:
@@ -169,7 +248,7 @@ def per_joint_position(given: GivenPosition, joints: Sequence[str]) -> Array:
     """Lower and upper position limits (nv, 2); NaN where none was given. See per_joint()."""
     if isinstance(given, Mapping):
         given = tuple(given.get(joint) for joint in _known(given, joints))
-    values = _plain_position(given, joints)
+    values = _plain_position("position", given, joints)
     assert values is not None
     if values and isinstance(values[0], float):
         return np.tile(np.array(values, dtype=float), (len(joints), 1))
@@ -189,87 +268,6 @@ def _known(given: Mapping[str, Any], joints: Sequence[str]) -> Sequence[str]:
         if joint not in joints:
             raise UnknownName("joint", str(joint), joints)
     return joints
-
-
-def _check_size(name: str, size: int, joints: Sequence[str]) -> None:
-    if size != len(joints):
-        raise OptionError(
-            f"{name} has shape ({size},), the arm has {len(joints)} joints; give one number for "
-            f"all joints, one for each, or numbers by name of joint ({', '.join(joints)})"
-        )
-
-
-def _plain(
-    name: str, given: Any, joints: Sequence[str] = ()
-) -> float | tuple[float | None, ...] | None:
-    """A positive number, or a tuple of such numbers and None."""
-    if given is None or _is_scalar(given):
-        return None if given is None else _positive(name, given)
-    values = tuple(given)
-    if joints:
-        _check_size(name, len(values), joints)
-    names = joints or [f"joint {i}" for i in range(1, len(values) + 1)]
-    return tuple(
-        None if value is None else _positive(f"{name} of {joint}", value, name)
-        for joint, value in zip(names, values, strict=True)
-    )
-
-
-def _plain_position(given: Any, joints: Sequence[str] = ()) -> Any:
-    """A pair, or a tuple of pairs and None."""
-    if given is None:
-        return None
-    if _is_scalar(given):
-        raise OptionError(f"position = {given!r}, it must be a lower and an upper limit")
-    values = tuple(given)
-    if len(values) == 2 and all(x is not None and _is_scalar(x) for x in values):
-        return _interval("position", values)
-    if joints:
-        _check_size("position", len(values), joints)
-    names = joints or [f"joint {i}" for i in range(1, len(values) + 1)]
-    return tuple(
-        None if pair is None else _interval(f"position of {joint}", pair)
-        for joint, pair in zip(names, values, strict=True)
-    )
-
-
-def _interval(what: str, pair: Any) -> Interval:
-    try:
-        lower, upper = (_number(what, x) for x in pair)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{what} = {pair!r}, it must be a lower and an upper limit") from error
-    if not lower < upper:
-        raise OptionError(f"{what} = ({lower}, {upper}), the first must be below the second")
-    return lower, upper
-
-
-def _positive(what: str, given: Any, name: str = "") -> float:
-    value, name = _number(what, given), name or what
-    if not value > 0.0:
-        hint = "" if name == "velocity" else "; math.inf is no limit"
-        raise OptionError(f"{what} = {value:g} {UNITS[name]}, it must be positive{hint}")
-    if name == "velocity" and math.isinf(value):
-        raise OptionError(
-            f"{what} = {value:g} rad/s, it must be finite; give the speed that the joint reaches"
-        )
-    return value
-
-
-def _is_scalar(given: Any) -> bool:
-    return (
-        isinstance(given, str)
-        or not hasattr(given, "__len__")
-        or getattr(given, "shape", None) == ()
-    )
-
-
-def _number(what: str, given: Any) -> float:
-    if isinstance(given, str | bool):
-        raise OptionError(f"{what} = {given!r}, it must be a number")
-    try:
-        return float(given)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise OptionError(f"{what} = {given!r}, it must be a number") from error
 
 
 def _without_infinity(value: Any) -> Any:

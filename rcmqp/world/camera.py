@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import options, whole
 from rcmqp.world.instrument import Camera
 from rcmqp.world.obstacles import Sphere
 
@@ -30,6 +30,7 @@ def camera_pose(x: ArrayLike, tip_depth: float) -> Array:
     return dq.mul(x, dq.from_translation([0.0, 0.0, tip_depth]))
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Pinhole:
     """A camera's round image, ``size`` pixels across.
@@ -46,12 +47,7 @@ class Pinhole:
     """
 
     camera: Camera = field(default_factory=Camera)
-    size: int = 480
-
-    def __post_init__(self) -> None:
-        """Check the size."""
-        if int(self.size) != self.size or self.size < 1:
-            raise OptionError(f"size = {self.size}, it must be a whole number of pixels")
+    size: int = field(default=480, metadata=whole(1))
 
     @property
     def focal_length(self) -> float:

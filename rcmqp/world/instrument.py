@@ -3,18 +3,61 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, between, options, part, positive, refused, rule
 
 Vector3: TypeAlias = tuple[float, float, float]
 
 
+def vector3(name: str, values: ArrayLike) -> Vector3:
+    """Three finite numbers as a tuple.
+
+    Raises:
+        OptionError: there are not three, or one is not finite.
+    """
+    array = _numbers(values)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise refused(name, values, "three finite numbers")
+    return float(array[0]), float(array[1]), float(array[2])
+
+
+def unit_vector3(name: str, values: ArrayLike) -> Vector3:
+    """A direction as a unit vector; one that is a unit vector is kept to the bit.
+
+    Raises:
+        OptionError: it is not three finite numbers, or all of them are zero.
+    """
+    vector = vector3(name, values)
+    length = float(np.linalg.norm(vector))
+    if length < 1e-9:
+        raise refused(name, values, "three finite numbers, not all zero")
+    if abs(length - 1.0) <= 1e-12:
+        return vector
+    return vector3(name, np.array(vector) / length)
+
+
+def _depth_range(name: str, values: ArrayLike) -> tuple[float, float]:
+    array = _numbers(values)
+    if array.shape != (2,) or not (np.isfinite(array).all() and array[0] < array[1]):
+        raise refused(name, values, "the least and the largest depth in m, both finite")
+    return float(array[0]), float(array[1])
+
+
+def _numbers(values: ArrayLike) -> Array:
+    """An array of what was given; NaN if that is not numbers."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.array(np.nan)
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class Camera:
     """The endoscope's camera: at the tip, looking along the shaft.
@@ -26,13 +69,10 @@ class Camera:
             for laparoscopes; no source was found (60 and 80 deg are documented).
     """
 
-    field_of_view: float = math.radians(70.0)
-
-    def __post_init__(self) -> None:
-        """Check the angle."""
-        _within("field_of_view", self.field_of_view, 0.0, math.pi)
+    field_of_view: float = field(default=math.radians(70.0), metadata=between(0.0, math.pi, "rad"))
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Instrument:
     """A rigid shaft along the flange's z axis, with a camera at its tip.
@@ -44,17 +84,10 @@ class Instrument:
         camera: at the tip.
     """
 
-    length: float = 0.33
-    radius: float = 0.005
-    mount_offset: float = 0.0
-    camera: Camera = field(default_factory=Camera)
-
-    def __post_init__(self) -> None:
-        """Check the sizes."""
-        _within("length", self.length, 0.0, math.inf)
-        _within("radius", self.radius, 0.0, math.inf)
-        if not (math.isfinite(self.mount_offset) and self.mount_offset >= 0.0):
-            raise OptionError(f"mount_offset = {self.mount_offset} m, it must be 0 or more")
+    length: float = field(default=0.33, metadata=positive("m"))
+    radius: float = field(default=0.005, metadata=positive("m"))
+    mount_offset: float = field(default=0.0, metadata=at_least(0.0, "m"))
+    camera: Camera = field(default_factory=Camera, metadata=part(Camera))
 
     @property
     def tip(self) -> float:
@@ -62,6 +95,7 @@ class Instrument:
         return self.mount_offset + self.length
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Trocar:
     """The incision: the point that the shaft pivots about, and how far it may go.
@@ -77,53 +111,9 @@ class Trocar:
         depth_range: least and largest insertion depth of the tip beyond the pivot [m].
     """
 
-    pivot: Vector3
-    axis: Vector3
-    cone_half_angle: float = math.radians(60.0)
-    depth_range: tuple[float, float] = (0.0, 0.25)
-
-    def __post_init__(self) -> None:
-        """Make the axis a unit vector and check the rest."""
-        object.__setattr__(self, "pivot", vector3("pivot", self.pivot))
-        object.__setattr__(self, "axis", unit_vector3("axis", self.axis))
-        _within("cone_half_angle", self.cone_half_angle, 0.0, math.pi)
-        if len(self.depth_range) != 2:
-            raise OptionError(f"depth_range = {self.depth_range}, it must be least and largest")
-        low, high = (float(depth) for depth in self.depth_range)
-        if not -math.inf < low < high < math.inf:
-            raise OptionError(
-                f"depth_range = [{low}, {high}] m, the first must be the smaller, both finite"
-            )
-        object.__setattr__(self, "depth_range", (low, high))
-
-
-def vector3(name: str, values: Sequence[float] | Array) -> Vector3:
-    """Three finite numbers as a tuple.
-
-    Raises:
-        OptionError: there are not three, or one is not finite.
-    """
-    array = np.asarray(values, dtype=float)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise OptionError(f"{name} = {values}, it must be three finite numbers")
-    return float(array[0]), float(array[1]), float(array[2])
-
-
-def unit_vector3(name: str, values: Sequence[float] | Array) -> Vector3:
-    """A direction as a unit vector; one that is a unit vector is kept to the bit.
-
-    Raises:
-        OptionError: it is not three finite numbers, or all of them are zero.
-    """
-    vector = vector3(name, values)
-    length = float(np.linalg.norm(vector))
-    if length < 1e-9:
-        raise OptionError(f"{name} = {values} has no direction")
-    if abs(length - 1.0) <= 1e-12:
-        return vector
-    return vector3(name, np.array(vector) / length)
-
-
-def _within(name: str, value: float, low: float, high: float) -> None:
-    if not low < value < high:
-        raise OptionError(f"{name} = {value}, it must lie between {low} and {high}")
+    pivot: Vector3 = field(metadata=rule(vector3))
+    axis: Vector3 = field(metadata=rule(unit_vector3))
+    cone_half_angle: float = field(
+        default=math.radians(60.0), metadata=between(0.0, math.pi, "rad")
+    )
+    depth_range: tuple[float, float] = field(default=(0.0, 0.25), metadata=rule(_depth_range))

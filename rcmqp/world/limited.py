@@ -30,6 +30,10 @@ _ASSUMPTIONS = (
 """What is assumed of a limit that is not known: another limit over a time."""
 
 
+MOST_TURN, MOST_STROKE = 7.0, 2.0
+"""How far from zero joints are drawn at random [rad], [m]: a turn, whatever the limits say."""
+
+
 class Limited:
     """What has joints with limits; Arm is.
 
@@ -66,6 +70,17 @@ class Limited:
     def joints(self) -> tuple[str, ...]:
         """Joint names, from the base to the flange."""
         return tuple(self.model.names)[1:]
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: m of a prismatic joint, else rad."""
+        prismatic = [joint.shortname().startswith("JointModelP") for joint in self.model.joints]
+        return tuple("m" if slides else "rad" for slides in prismatic[1:])
+
+    @property
+    def turns(self) -> NDArray[np.bool_]:
+        """Which joints (nv,) turn [rad]; the others slide [m]."""
+        return np.array([unit == "rad" for unit in self.joint_units])
 
     @property
     def assumed(self) -> frozenset[str]:
@@ -140,10 +155,16 @@ class Limited:
         return np.asarray(np.minimum(angles - self.lower, self.upper - angles))
 
     def random_angles(self, rng: np.random.Generator) -> Array:
-        """Joint angles (nv,) drawn evenly between the limits; within +-pi where there is none."""
+        """Joint angles (nv,) drawn evenly between the limits; within +-pi where there is none.
+
+        Of limits that are far away, only the part within MOST_TURN or MOST_STROKE of zero, or of
+        the limit nearest to it, is drawn from.
+        """
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return rng.uniform(lower, upper)
+        centre, most = np.clip(0.0, lower, upper), np.where(self.turns, MOST_TURN, MOST_STROKE)
+        lower, upper = np.maximum(lower, centre - most), np.minimum(upper, centre + most)
+        return np.asarray(rng.uniform(lower, upper))
 
     def _check_inside(self, angles: Array) -> None:
         """Check joint angles (nv,).
@@ -153,13 +174,12 @@ class Limited:
         """
         worst = int(np.argmin(self.limit_margin(angles)))
         if self.limit_margin(angles)[worst] < 0.0:
-            prismatic = self.model.joints[worst + 1].shortname().startswith("JointModelP")
             raise JointLimitViolated(
                 self.joints[worst],
                 angles[worst],
                 self.lower[worst],
                 self.upper[worst],
-                "m" if prismatic else "rad",
+                self.joint_units[worst],
             )
 
     def _set_limits(

@@ -1,13 +1,14 @@
-"""Arms by name out of the robots folder, or from any URDF of a fixed-base serial arm."""
+"""Arms by name out of the robots folder, from a file of one's own, or from any URDF."""
 
 from __future__ import annotations
 
-import importlib.metadata
+import dataclasses
+import hashlib
 import importlib.resources
 import math
 import os
-import tomllib
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,35 +16,63 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rcmqp.errors import ArmError, UnknownName
+from rcmqp.errors import ArmError, ArmWarning, PluginError, UnknownName
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.world.arm import Arm, find_frame
-from rcmqp.world.arm_limits import Given, GivenPosition, SpeedNearLimits
-from rcmqp.world.urdf import limits_of, mimics_of, model_of
+from rcmqp.world.arm import Arm, ModelSource, find_frame
+from rcmqp.world.arm_file import LIMITS, ArmFile, read_arm_file
+from rcmqp.world.arm_limits import (
+    Given,
+    GivenPosition,
+    SpeedNearLimits,
+    filled,
+    per_joint,
+    per_joint_position,
+)
+from rcmqp.world.home import home_of
+from rcmqp.world.mimics import without_mimics
+from rcmqp.world.plugins import distribution, load, points
+from rcmqp.world.questions import questions
+from rcmqp.world.urdf import (
+    Urdf,
+    limits_of,
+    model_of,
+    placed,
+    read_urdf,
+    soft_limits_of,
+)
 
-MOST_URDF = 64_000_000
-"""Bytes of a URDF."""
+ARM_FILE = ".toml"
+"""How the name of an arm's file ends."""
 
-_EXAMPLE_ROBOT_DATA = "example-robot-data"
+URDF_ENDINGS = (".urdf", ".xml", ".xacro", ".gz")
+
+GROUP = "rcmqp.arms"
+"""Of the entry points whose packages are arms."""
 
 
 def arm_names() -> list[str]:
-    """Names of the arms that load_arm() knows, sorted."""
-    return sorted(entry.name for entry in _robots().iterdir() if (entry / "robot.toml").is_file())
+    """Names of the arms that load_arm() knows, sorted; those of plug-ins are among them."""
+    return sorted(_own_names() | points(GROUP).keys())
 
 
 def arm_title(name: str) -> str:
-    """What people call the arm: the title in its robot.toml, or a URDF's file name."""
-    if name in arm_names():
-        return str(_entry(name)["title"])
-    return Path(name).stem
+    """What people call the arm: the title in its robot.toml, or a file's name without ending."""
+    folder = _folder(name)
+    if folder is not None:
+        return str(read_arm_file(folder / "robot.toml", _robots()).entry["title"])
+    return Path(name).name.partition(".")[0] or name
+
+
+def names_its_flange(name: str) -> bool:
+    """Whether an arm is known by a name or by its own file, so that no flange goes with it."""
+    return name in arm_names() or name.lower().endswith(ARM_FILE)
 
 
 def load_arm(
     name: str | os.PathLike[str],
     flange: str | None = None,
     *,
-    home: ArrayLike | None = None,
+    home: ArrayLike | Mapping[str, float] | None = None,
     locked: Mapping[str, float] | None = None,
     position: GivenPosition | None = None,
     velocity: Given | None = None,
@@ -51,21 +80,27 @@ def load_arm(
     jerk: Given | None = None,
     speed_near_limits: SpeedNearLimits | None = None,
 ) -> Arm:
-    """Load an arm by name, or from a URDF.
+    """Load an arm by name, from an arm's file, or from a URDF.
 
     Joints that do not move the flange (grippers, other arms) are held where they are.
 
     Limits that are given take the place of the arm's own: one number for all joints, one for each
-    (None keeps the joint's own), or numbers by joint name. The arm's own are those of the URDF and
-    of robot.toml. URDF 1.2 has acceleration, deceleration and jerk in <limit>; of the first two
-    the smaller counts, for speeding up and for slowing down. An acceleration or jerk limit that
-    is nowhere is assumed, see Limited and ``arm.assumed``; math.inf says that there is none.
+    (None keeps the joint's own), or numbers by joint name. The arm's own are those of its file,
+    and else of the URDF. URDF 1.2 has acceleration, deceleration and jerk in <limit>; of the first
+    two the smaller counts, for speeding up and for slowing down. Soft limits in a
+    <safety_controller> narrow the position limits. An acceleration or jerk limit that is nowhere
+    is assumed, see Limited and ``arm.assumed``; math.inf says that there is none.
+
+    What looks wrong, such as degrees in place of radians, is said by an ArmWarning.
 
     Args:
-        name: a name out of arm_names(), or the path of a URDF (it ends in .urdf).
+        name: a name out of arm_names(); the path of an arm's file, which ends in .toml and has
+            the format of robots/<name>/robot.toml; or the path of a URDF: .urdf, .urdf.gz, or
+            .xacro where the package xacro is installed.
         flange: only with a URDF: the frame that the instrument is mounted on, z outwards.
-        home: only with a URDF: (nv,) joint angles of the starting pose [rad]; without it, a
-            configuration far from limits and singularities is searched, the same each time.
+        home: only with a URDF: joint angles (nv,) of the starting pose [rad], or by joint name;
+            without it, a configuration far from limits and singularities is searched, the same
+            each time.
         locked: only with a URDF: joints on the way to the flange to hold, with their position.
         position: position limits, a lower and an upper one [rad].
         velocity: speed limits [rad/s].
@@ -78,6 +113,7 @@ def load_arm(
         FrameNotFound: the URDF has no such frame.
         ArmError: the file is missing, is no URDF, or holds no fixed-base serial arm.
         OptionError: a limit is not allowed.
+        PluginError: the arm is a plug-in's, which cannot be used.
     """
     if not isinstance(name, str | os.PathLike):
         raise ArmError(f"{name!r} is no arm; give a name, one of {arm_names()}, or a URDF's path")
@@ -90,111 +126,139 @@ def load_arm(
     }
     by_hand = {limit: value for limit, value in limits.items() if value is not None}
     path = Path(name)
-    if path.suffix.lower() in (".urdf", ".xml", ".xacro") or path.parent != Path():
-        return _load_urdf(path, flange, home, locked or {}, by_hand)
-    if str(name) not in arm_names():
+    own_file = path.suffix.lower() == ARM_FILE
+    if not own_file and (path.suffix.lower() in URDF_ENDINGS or path.parent != Path()):
+        return _questioned(_load_urdf(path, flange, home, locked or {}, by_hand))
+    folder = None if own_file else _folder(str(name))
+    if not own_file and folder is None:
         raise UnknownName("arm", str(name), arm_names())
     if flange is not None or home is not None or locked is not None:
         raise ArmError(
-            f"flange, home and locked go with a URDF's path; {name} has its own in robot.toml"
+            f"flange, home and locked go with a URDF's path; {name} has its own in "
+            f"{path.name if own_file else 'robot.toml'}"
         )
-    return _load_named(str(name), by_hand)
+    if own_file:
+        file = read_arm_file(path, _robots())
+        arm = _load_file(file, str(name), by_hand, path.read_bytes())
+        return _questioned(arm, mounted="rpy" in file.entry["flange"])
+    assert folder is not None
+    return _load_file(read_arm_file(folder / "robot.toml", _robots()), str(name), by_hand)
 
 
 def _robots() -> Path:
     return Path(str(importlib.resources.files("rcmqp.robots")))
 
 
-def _entry(name: str) -> dict[str, Any]:
-    file = _robots() / name / "robot.toml"
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ArmError(f"{file} is not TOML: {error}") from error
+def _own_names() -> set[str]:
+    return {entry.name for entry in _robots().iterdir() if (entry / "robot.toml").is_file()}
 
 
-def _load_named(name: str, by_hand: Mapping[str, Any]) -> Arm:
-    entry = _entry(name)
-    urdf = _resolve(_robots() / name, entry["urdf"])
-    frame = entry["flange"]
-    offset = pin.SE3(
-        pin.rpy.rpyToMatrix(np.array(frame.get("rpy", [0.0, 0.0, 0.0]))),
-        np.array(frame.get("xyz", [0.0, 0.0, 0.0])),
+def _folder(name: str) -> Path | None:
+    """The folder of a named arm, None if no arm has the name.
+
+    A plug-in's entry point is a package whose folder holds robot.toml.
+    """
+    if name in _own_names():
+        return _robots() / name
+    if name not in points(GROUP):
+        return None
+    package = load(GROUP, name)
+    folders = [Path(folder) for folder in getattr(package, "__path__", ())]
+    for folder in folders:
+        if (folder / "robot.toml").is_file():
+            return folder
+    whose = distribution(GROUP, name)
+    raise PluginError(
+        GROUP, name, whose, f"gives {package!r:.120}, it must be a package with a robot.toml"
     )
-    keys = ("title", "licence", "home", "acceleration", "jerk", "srs_offsets")
-    about = {key: entry[key] for key in keys if key in entry}
+
+
+def _questioned(arm: Arm, *, mounted: bool = False) -> Arm:
+    """The arm, and a warning for each thing that looks wrong with it; see questions()."""
+    for question in questions(arm, mounted=mounted):
+        warnings.warn(question, ArmWarning, stacklevel=1)
+    return arm
+
+
+def _load_file(
+    file: ArmFile, name: str, by_hand: Mapping[str, Any], made_of: bytes | None = None
+) -> Arm:
+    """The arm of an arm's file; ``made_of`` is the file where it counts for sha256."""
+    entry = file.entry
+    urdf = read_urdf(file.urdf)
+    if "base" in entry or "rail" in entry:
+        urdf = placed(urdf, file.placement("base"), file.rail())
+    sha256 = urdf.sha256
+    if made_of is not None:
+        sha256 = hashlib.sha256(sha256.encode() + made_of).hexdigest()
+    locked = entry.get("locked", {})
+    sources = {str(topic): str(text) for topic, text in entry.get("sources", {}).items()}
+    about = {key: entry[key] for key in ("title", "licence", "srs_offsets") if key in entry}
     if "speed_near_limits" in entry:
         about["speed_near_limits"] = SpeedNearLimits(**entry["speed_near_limits"])
     return _build(
-        _model(urdf),
-        frame["frame"],
-        entry.get("locked", {}),
+        urdf,
+        entry["flange"]["frame"],
+        locked,
         name=name,
-        urdf=urdf,
-        flange_offset=offset,
+        home=entry.get("home"),
+        own={limit: entry[limit] for limit in LIMITS if limit in entry},
+        source=ModelSource(urdf.path, urdf.text, sha256, file.packages, {}, sources),
+        flange_offset=file.placement("flange"),
         by_hand=by_hand,
         **about,
     )
 
 
-def _resolve(folder: Path, urdf: str) -> Path:
-    """Path of a robot.toml's URDF: beside it, or inside the example-robot-data wheel."""
-    package, colon, inside = urdf.partition(":")
-    if not colon:
-        return folder / urdf
-    try:
-        root = importlib.metadata.distribution(package).locate_file("")
-    except importlib.metadata.PackageNotFoundError as error:
-        raise ArmError(
-            f"{folder.name} needs the models of {package}: pip install {package}"
-        ) from error
-    return Path(str(root)) / "cmeel.prefix/share" / _EXAMPLE_ROBOT_DATA / "robots" / inside
-
-
 def _load_urdf(
     path: Path,
     flange: str | None,
-    home: ArrayLike | None,
+    home: ArrayLike | Mapping[str, float] | None,
     locked: Mapping[str, float],
     by_hand: Mapping[str, Any],
 ) -> Arm:
-    model = _model(path)
+    urdf = read_urdf(path)
     if flange is None:
-        bodies = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+        links = [link.attrib["name"] for link in urdf.root.iterfind("link")]
         raise ArmError(
             f"{path}: say which frame carries the instrument: flange=..., "
-            f"or --flange on the command line (the last ones are {', '.join(bodies[-4:])})"
+            f"or --flange on the command line (the last ones are {', '.join(links[-4:])}), or "
+            "write an arm's file"
         )
-    about = {"title": model.name, "urdf": path, "home": home, "by_hand": by_hand}
-    arm = _build(model, flange, locked, name=str(path), **about)
-    if home is None:
-        arm.home = _comfortable(arm)
-    return arm
-
-
-def _model(path: Path) -> pin.Model:
-    try:
-        there, size = path.is_file(), path.stat().st_size if path.is_file() else 0
-    except (OSError, ValueError):  # too long a name, or NUL in it
-        there, size = False, 0
-    if not there:
-        raise ArmError(f"{path}: no such file; give the path of a URDF, or a name: {arm_names()}")
-    if size > MOST_URDF:
-        raise ArmError(f"{path} has {size} bytes, a URDF {MOST_URDF} at most")
-    return model_of(path)
+    return _build(
+        urdf,
+        flange,
+        locked,
+        name=str(path),
+        title=urdf.root.attrib["name"],
+        home=home,
+        own={},
+        source=ModelSource(path, urdf.text, urdf.sha256, (), dict(locked)),
+        by_hand=by_hand,
+    )
 
 
 def _build(
-    model: pin.Model, flange: str, locked: Mapping[str, float], *, name: str, **about: Any
+    urdf: Urdf,
+    flange: str,
+    locked: Mapping[str, float],
+    *,
+    name: str,
+    home: ArrayLike | Mapping[str, float] | None,
+    own: Mapping[str, Any],
+    source: ModelSource,
+    **about: Any,
 ) -> Arm:
     """Hold the locked joints and those off the chain, check what is left, and make the Arm."""
+    given, urdf = urdf, without_mimics(urdf, flange, list(locked))
+    model = model_of(urdf)
     joint = find_frame(model, flange).parentJoint
     if model.njoints == 1:
         raise ArmError(f"{name}: the URDF has no moving joints")
     for held, position in locked.items():
         if not model.existJointName(held):
             raise UnknownName("joint", held, list(model.names)[1:])
-        if not math.isfinite(position):
+        if not isinstance(position, int | float) or not math.isfinite(position):
             raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
     chain = set(model.supports[joint])
     hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
@@ -202,20 +266,82 @@ def _build(
     for i in hold:
         if model.names[i] in locked:
             _set_angle(q, model.joints[i], locked[model.names[i]])
+    notes = _held(model, hold, locked)
+    links = {link.attrib["name"] for link in urdf.root.iterfind("link")}
+    for i in hold:  # each becomes a frame, and there a link may have its name
+        if model.names[i] in links:
+            model.names[i] = f"{model.names[i]} (joint)"
     model = pin.buildReducedModel(model, hold, q)
     _check(model, flange, name)
-    for mimic in mimics_of(about["urdf"]):
-        if model.existJointName(mimic):
-            raise ArmError(
-                f"{name}: joint {mimic!r} mimics another one and moves the flange; hold it with "
-                "locked, or take its <mimic> out of the URDF"
-            )
-    about = limits_of(about["urdf"], list(model.names)[1:]) | about
-    arm = Arm(model, flange, name=name, **about)
+    notes += _set_position_and_speed(model, urdf, own)
+    if urdf is not given:
+        notes.append("a parallelogram is put into one joint; its bars are not drawn")
+    joints = list(model.names)[1:]
+    about = limits_of(urdf, joints) | _accelerations(own) | about
+    if home is None:
+        notes.append("home is not given: searched, see there")
+    source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text)
+    home = _by_joint(home, joints, name)
+    arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
     _check_limits(arm)
-    if about.get("home") is not None:
+    if home is not None:
         arm.check_limits(arm.home)
     return arm
+
+
+def _held(model: pin.Model, hold: Sequence[int], locked: Mapping[str, float]) -> list[str]:
+    """A sentence on the joints that are held because they do not move the flange, if any."""
+    off = [model.names[i] for i in hold if model.names[i] not in locked]
+    return [f"held at zero, as they do not move the flange: {', '.join(off)}"] if off else []
+
+
+def _set_position_and_speed(model: pin.Model, urdf: Urdf, own: Mapping[str, Any]) -> list[str]:
+    """Put soft limits, and an arm's file's, into the model; a sentence where they are soft."""
+    narrowed = []
+    joints = list(model.names)[1:]
+    none = np.full((len(joints), 2), np.nan)
+    given = per_joint_position(own["position"], joints) if "position" in own else none
+    speeds = per_joint("velocity", own["velocity"], joints) if "velocity" in own else none[:, 0]
+    model.velocityLimit, _ = filled(speeds, np.array(model.velocityLimit))
+    lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
+    for i, name in enumerate(joints):
+        joint = model.joints[i + 1]
+        if joint.nq != 1:
+            if not np.isnan(given[i, 0]):
+                raise ArmError(
+                    f"position of {name} is given, and the joint turns without end; make it "
+                    "revolute in the URDF, or leave it out"
+                )
+            continue
+        soft = soft_limits_of(urdf, name)
+        at = joint.idx_q
+        own_pair = max(lower[at], soft[0]), min(upper[at], soft[1])
+        if own_pair != (lower[at], upper[at]) and np.isnan(given[i, 0]):
+            narrowed.append(name)
+        lower[at], upper[at] = own_pair if np.isnan(given[i, 0]) else given[i]
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    if not narrowed:
+        return []
+    return [f"position limits are the soft ones of <safety_controller>: {', '.join(narrowed)}"]
+
+
+def _accelerations(own: Mapping[str, Any]) -> dict[str, Any]:
+    """The acceleration and jerk limits of an arm's file."""
+    return {limit: own[limit] for limit in ("acceleration", "jerk") if limit in own}
+
+
+def _by_joint(
+    home: ArrayLike | Mapping[str, float] | None, joints: list[str], name: str
+) -> ArrayLike | None:
+    """Home (nv,), if it was given by joint name as well."""
+    if not isinstance(home, Mapping):
+        return home
+    for joint in home:
+        if joint not in joints:
+            raise UnknownName("joint", joint, joints)
+    if missing := [joint for joint in joints if joint not in home]:
+        raise ArmError(f"{name}: home does not say where {', '.join(missing)} is; add it")
+    return [home[joint] for joint in joints]
 
 
 def _set_angle(q: Array, joint: Any, angle: float) -> None:
@@ -249,20 +375,3 @@ def _check_limits(arm: Arm) -> None:
                 f"{arm.name}: joint {joint!r} has velocity limit {velocity}; "
                 "give it a positive, finite one in <limit velocity=...>"
             )
-
-
-def _comfortable(arm: Arm, samples: int = 4000) -> Array:
-    """The best of many random configurations: far from its limits, and quick in every direction.
-
-    Quick: how fast a point in the middle of an instrument can move and turn (the units of metre
-    and radian mixed) before the first joint is at its speed limit.
-    """
-    rng = np.random.default_rng(0)
-    middle = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2])))
-    candidates = np.array([arm.random_angles(rng) for _ in range(samples)])
-    J = np.array([middle.state(arm.configuration(angles)).J_local for angles in candidates])
-    effort = np.linalg.norm(np.linalg.pinv(J), axis=-1) / np.minimum(arm.velocity, 10.0)
-    margin = np.minimum(arm.limit_margin(candidates).min(axis=1), 0.35)
-    home: Array = candidates[int(np.argmax(margin / effort.max(axis=1)))]
-    home.setflags(write=False)
-    return home

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import options, positive, rule
 from rcmqp.world.instrument import Instrument, Vector3, vector3
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Sphere:
     """A ball that stands still in the world.
@@ -23,14 +23,8 @@ class Sphere:
         radius: [m].
     """
 
-    centre: Vector3
-    radius: float
-
-    def __post_init__(self) -> None:
-        """Make the centre plain numbers and check the radius."""
-        object.__setattr__(self, "centre", vector3("centre", self.centre))
-        if not 0.0 < self.radius < math.inf:
-            raise OptionError(f"radius = {self.radius} m, it must be positive and finite")
+    centre: Vector3 = field(metadata=rule(vector3))
+    radius: float = field(metadata=positive("m"))
 
 
 def clearance(

@@ -1,53 +1,113 @@
-"""What a URDF says: Pinocchio's model of it, and what Pinocchio leaves out."""
+"""URDFs read from files: plain, packed, in any encoding, or made of a xacro; and their models."""
 
 from __future__ import annotations
 
+import gzip
+import hashlib
+import importlib
 import math
+import os
+import sys
+import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pinocchio as pin
 
 from rcmqp.errors import ArmError
+from rcmqp.world.urdf_checks import check_numbers, check_tree, check_xml
+
+MOST_URDF = 64_000_000
+"""Bytes of a URDF, unpacked."""
+
+WORLD_LINK, MOUNT_JOINT, RAIL_JOINT = "rcmqp_world", "rcmqp_mount", "rail"
+"""Names of what placed() puts below a URDF's base."""
 
 
-def model_of(path: Path) -> pin.Model:
-    """Model of a URDF; what the parser would only print on the terminal, raised.
+@dataclass(frozen=True, slots=True, eq=False)
+class Urdf:
+    """A URDF that was read and checked.
+
+    Attributes:
+        path: the file that it came from.
+        root: its XML.
+        sha256: of the file's bytes, or, where the URDF was changed or made of a xacro, its text.
+    """
+
+    path: Path
+    root: ET.Element
+    sha256: str
+
+    @property
+    def text(self) -> str:
+        """The URDF as text, without comments."""
+        return ET.tostring(self.root, encoding="unicode")
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Read a .urdf, a .urdf.gz, or a .xacro with the package xacro.
 
     Raises:
-        ArmError: the file is no URDF, or a limit in it is no number that a limit can be.
+        ArmError: the file is missing or too large, is no URDF, or cannot be an arm; the message
+            names what is wrong and what to do.
     """
-    try:
-        root = ET.parse(path).getroot()
-    except (ET.ParseError, LookupError, ValueError) as error:
-        raise ArmError(f"{path} is not a URDF: {error}") from error
+    raw = _bytes(path)
+    made = path.suffix.lower() == ".xacro"
+    if made:
+        check_xml(raw, str(path))
+        raw = _from_xacro(path)
+    check_xml(raw, str(path))
+    root = ET.fromstring(raw)
+    if root.tag == "mujoco":
+        raise ArmError(
+            f"{path} is not a URDF: it is MuJoCo's MJCF, which says nothing of speed limits; give "
+            "the arm's URDF, which its maker has, or convert the file to one"
+        )
     if root.tag != "robot" or "name" not in root.attrib:
         raise ArmError(f'{path} is not a URDF: its root must be <robot name="...">')
-    for joint in root.iterfind("joint"):
-        if joint.get("type") in ("revolute", "prismatic") and joint.find("limit") is None:
-            raise ArmError(f"{path}: joint {joint.get('name')!r} has no <limit>; add one")
-        _check_limit(path, joint)
-    try:
-        return pin.buildModelFromUrdf(str(path))
-    except (ValueError, RuntimeError) as error:
+    if any("ros.org/wiki/xacro" in element.tag for element in root.iter()):
         raise ArmError(
-            f"{path} is not a URDF that Pinocchio can read: {str(error).strip()}"
+            f"{path} is a xacro, not yet a URDF: end its name in .xacro, with the package xacro "
+            f"installed (pip install xacro), or run xacro {path.name} > {path.stem}_flat.urdf"
+        )
+    check_tree(root, str(path))
+    check_numbers(root, str(path))
+    return Urdf(path, root, hashlib.sha256(raw).hexdigest())
+
+
+def model_of(urdf: Urdf) -> pin.Model:
+    """Pinocchio's model; what its parser would only print on the terminal, raised.
+
+    Raises:
+        ArmError: the parser refuses the URDF, with its reason.
+    """
+    try:
+        with _captured() as said:
+            model = pin.buildModelFromXML(urdf.text)
+    except (ValueError, RuntimeError) as error:
+        reason = " ".join(line for line in said if " at line " not in line).replace("Error:", "")
+        raise ArmError(
+            f"{urdf.path} is not a URDF that Pinocchio can read: "
+            f"{' '.join(reason.split()) or str(error).strip()}"
         ) from error
+    bodies = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:  # links and joints may share names, Pinocchio's frames may not
+        if frame.type != pin.FrameType.BODY and frame.name in bodies:
+            frame.name = f"{frame.name} (joint)"
+    return model
 
 
-def mimics_of(path: Path) -> list[str]:
-    """Names of the joints of a URDF that follow another joint."""
-    return [joint.attrib["name"] for joint in _joints(path) if joint.find("mimic") is not None]
-
-
-def limits_of(path: Path, joints: Sequence[str]) -> dict[str, dict[str, float]]:
+def limits_of(urdf: Urdf, joints: Sequence[str]) -> dict[str, dict[str, float]]:
     """Limits that URDF 1.2 has of some joints: ``limits["acceleration"]["elbow"]``, and "jerk".
 
     Of acceleration and deceleration it is the smaller one: ours hold in both directions.
     """
     limits: dict[str, dict[str, float]] = {"acceleration": {}, "jerk": {}}
-    for joint in _joints(path):
+    for joint in _joints(urdf):
         limit, name = joint.find("limit"), joint.attrib["name"]
         if limit is None or name not in joints:
             continue
@@ -58,24 +118,109 @@ def limits_of(path: Path, joints: Sequence[str]) -> dict[str, dict[str, float]]:
     return limits
 
 
-def _joints(path: Path) -> Iterator[ET.Element]:
-    return ET.parse(path).getroot().iterfind("joint")
+def soft_limits_of(urdf: Urdf, joint: str) -> tuple[float, float]:
+    """Lower and upper soft limit of a joint's <safety_controller>; infinite where not given."""
+    for element in _joints(urdf):
+        soft = element.find("safety_controller")
+        if soft is not None and element.attrib["name"] == joint:
+            # without a number the URDF format takes 0 for it, and 0, 0 for no limits at all
+            pair = [float(soft.get(f"soft_{end}_limit", "0")) for end in ("lower", "upper")]
+            if pair[0] < pair[1]:
+                return pair[0], pair[1]
+    return -math.inf, math.inf
 
 
-def _check_limit(path: Path, joint: ET.Element) -> None:
-    """Check the numbers in a joint's <limit>, where there are some."""
-    limit = joint.find("limit")
-    for key, text in () if limit is None else limit.attrib.items():
-        if key not in ("lower", "upper", "velocity", "acceleration", "deceleration", "jerk"):
-            continue
-        positive = key in ("acceleration", "deceleration", "jerk")
+def _joints(urdf: Urdf) -> Iterator[ET.Element]:
+    return urdf.root.iterfind("joint")
+
+
+def _bytes(path: Path) -> bytes:
+    """What is in the file, unpacked."""
+    try:
+        there, size = path.is_file(), path.stat().st_size if path.is_file() else 0
+    except (OSError, ValueError):  # too long a name, or NUL in it
+        there, size = False, 0
+    if not there:
+        raise ArmError(f"{path}: no such file; give the path of a URDF or of an arm's .toml")
+    if size > MOST_URDF:
+        raise ArmError(f"{path} has {size} bytes, a URDF {MOST_URDF} at most")
+    try:
+        if path.suffix.lower() != ".gz":
+            return path.read_bytes()
+        with gzip.open(path) as file:
+            raw = file.read(MOST_URDF + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise ArmError(f"{path} cannot be read: {error}") from error
+    if len(raw) > MOST_URDF:
+        raise ArmError(f"{path} unpacks to more than {MOST_URDF} bytes, which a URDF may have")
+    return raw
+
+
+def _from_xacro(path: Path) -> bytes:
+    """The URDF that a xacro makes."""
+    try:
+        xacro = importlib.import_module("xacro")
+    except ModuleNotFoundError as error:
+        raise ArmError(
+            f"{path} is a xacro, and the package xacro is not installed: pip install xacro; or "
+            f"make a URDF of it where it is: xacro {path.name} > {path.stem}"
+            f"{'' if path.stem.endswith('.urdf') else '.urdf'}"
+        ) from error
+    try:
+        made: bytes = xacro.process_file(str(path)).toxml(encoding="utf-8")
+    except Exception as error:  # xacro lets a file's own expressions raise anything
+        raise ArmError(
+            f"{path}: xacro cannot make a URDF of it: {type(error).__name__}: {error}"
+        ) from error
+    return made
+
+
+@contextmanager
+def _captured() -> Iterator[list[str]]:
+    """Keep what C++ prints on stderr meanwhile: a list of lines, filled at the end."""
+    said: list[str] = []
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as file:
+        kept = os.dup(2)
+        os.dup2(file.fileno(), 2)
         try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or (positive and value <= 0.0):
-            kind = "positive, finite number" if positive else "finite number"
-            raise ArmError(
-                f"{path}: joint {joint.get('name')!r} has {key} limit {text!r}; it must be a "
-                f"{kind}: mend <limit {key}=...>, or take it out"
-            )
+            yield said
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            said += file.read().decode(errors="replace").splitlines()
+
+
+def placed(urdf: Urdf, base: pin.SE3, rail: Mapping[str, str] | None) -> Urdf:
+    """The URDF with its base at a placement in the world, on a rail if there is one.
+
+    Args:
+        urdf: of the arm.
+        base: placement of the URDF's root link in the world, where the rail is at zero.
+        rail: attributes ``axis``, ``lower``, ``upper`` and ``velocity`` of the rail, a prismatic
+            joint; the axis in the base's frame.
+    """
+    children = {end.get("link") for joint in _joints(urdf) for end in joint.iterfind("child")}
+    links = [link.attrib["name"] for link in urdf.root.iterfind("link")]
+    base_link = next(link for link in links if link not in children)
+    root = ET.Element("robot", urdf.root.attrib)
+    ET.SubElement(root, "link", name=WORLD_LINK)
+    name, kind = (RAIL_JOINT, "prismatic") if rail else (MOUNT_JOINT, "fixed")
+    mount = ET.SubElement(root, "joint", name=name, type=kind)
+    rpy = pin.rpy.matrixToRpy(base.rotation)
+    ET.SubElement(mount, "origin", xyz=_numbers(base.translation), rpy=_numbers(rpy))
+    ET.SubElement(mount, "parent", link=WORLD_LINK)
+    ET.SubElement(mount, "child", link=base_link)
+    if rail:
+        ET.SubElement(mount, "axis", xyz=rail["axis"])
+        limit = {key: rail[key] for key in ("lower", "upper", "velocity")}
+        ET.SubElement(mount, "limit", limit | {"effort": "1000"})
+    root.extend(urdf.root)
+    check_tree(root, str(urdf.path))
+    check_numbers(root, str(urdf.path))
+    return Urdf(urdf.path, root, hashlib.sha256(ET.tostring(root)).hexdigest())
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return " ".join(repr(float(x)) for x in values)

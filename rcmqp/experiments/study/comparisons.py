@@ -9,23 +9,25 @@ from dataclasses import dataclass
 
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.statistics import Effect, Summary, effect, summary
+from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.show.labels import GIVEN
+from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names, arm_title
 
 COMPARED = ("rcm_rms_mm", "tip_rms_mm", "effector_rms_mm", "obstacle_shaft_mm", "completion_s")
 """What controllers, and arms, are compared by."""
 
 SIDE_BY_SIDE = (
-    ("RCM error, rms [mm]", "rcm_rms_mm", "mean", ".2g"),
-    ("tip error, rms [mm]", "tip_rms_mm", "mean", ".2g"),
-    ("tip error, largest [mm]", "tip_max_mm", "largest", ".3g"),
-    ("effector error, rms [mm]", "effector_rms_mm", "mean", ".2g"),
-    ("least distance, shaft to obstacle [mm]", "obstacle_shaft_mm", "mean", ".2g"),
-    ("the same, worst trial [mm]", "obstacle_shaft_mm", "least", ".2g"),
-    ("completion time [s]", "completion_s", "mean", ".0f"),
-    ("joint speed over its limit, largest", "speed_ratio_max", "largest", ".2g"),
+    ("rcm_rms_mm", "mean", ".2g"),
+    ("tip_rms_mm", "mean", ".2g"),
+    ("tip_max_mm", "largest", ".3g"),
+    ("effector_rms_mm", "mean", ".2g"),
+    ("obstacle_shaft_mm", "mean", ".2g"),
+    ("obstacle_shaft_mm", "least", ".2g"),
+    ("completion_s", "mean", ".0f"),
+    ("speed_ratio_max", "largest", ".2g"),
 )
-"""Label, Outcome's field, which number of its Summary, and how that is written."""
+"""Outcome's field, which number of its Summary, and its style: people differ more than that."""
 
 CHANGES = (
     "Change: the mean change ± its Monte-Carlo error, its standard error over the people drawn. "
@@ -83,17 +85,24 @@ def side_by_side(outcomes: Sequence[Outcome]) -> str:
     of = [[o for o in outcomes if (o.arm, o.controller) == each] for each in found]
     changes = {c.name: c for c in compared} if len(found) == 2 else {}
     ends = ["mean change", "effect size"] if changes else []
-    heads = ["", *_short(found), *ends]
-    lines = [row(heads), row(["---", *["---:"] * (len(heads) - 1)])]
     given = [given_of(each) for each in of]
-    for name, label in GIVEN.items():
-        lines.append(row([label, *(each[name] for each in given), *[""] * len(ends)]))
-    for label, name, kind, style in SIDE_BY_SIDE:
-        cells = [format(getattr(summary([getattr(o, name) for o in x]), kind), style) for x in of]
-        lines.append(row([label, *cells, *(_change(changes.get(name), kind) if ends else [])]))
+    rows = [[TRIALS[name].row, *(each[name] for each in given)] for name in GIVEN]
+    for name, kind, style in SIDE_BY_SIDE:
+        numbers = (getattr(summary([getattr(o, name) for o in x]), kind) for x in of)
+        cells = [TRIALS[name].text(number, style) for number in numbers]
+        rows.append(
+            [_label(name, kind), *cells, *(_change(changes.get(name), kind) if ends else [])]
+        )
     counts = [f"{sum(o.finished for o in x)}; {sum(o.collided for o in x)}" for x in of]
-    lines.append(row(["finished; touched the obstacle", *counts, *[""] * len(ends)]))
-    return "\n".join(lines) + "\n"
+    rows.append(["finished; touched the obstacle", *counts])
+    return Table(["", *_short(found), *ends], rows).markdown()
+
+
+def _label(name: str, kind: str) -> str:
+    """The title of a measure over all trials."""
+    if kind == "least":
+        return "the same, worst trial [mm]"
+    return TRIALS[name].row_of("largest") if kind == "largest" else TRIALS[name].row
 
 
 def given_of(outcomes: Sequence[Outcome]) -> dict[str, str]:
@@ -109,8 +118,7 @@ def comparison_table(outcomes: Sequence[Outcome]) -> str:
     compared = comparisons(outcomes)
     if not compared:
         return ""
-    heads = ["from", "to", "on / with", "measure", "people", "mean change", "effect size"]
-    lines = [row(heads), row(["---"] * 4 + ["---:"] * 3)]
+    rows = []
     for c in compared:
         arm, law = c.first
         if arm == c.second[0]:
@@ -118,13 +126,9 @@ def comparison_table(outcomes: Sequence[Outcome]) -> str:
         else:
             names = [title(arm), title(c.second[0]), law]
         numbers = [_with_error(c.effect.change, ".4g"), _size(c.effect)]
-        lines.append(row([*names, c.name, str(c.effect.change.count), *numbers]))
-    return "\n".join([*lines, "", CHANGES]) + "\n"
-
-
-def row(cells: Sequence[str]) -> str:
-    """A line of a Markdown table."""
-    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+        rows.append([*names, TRIALS[c.name].row, str(c.effect.change.count), *numbers])
+    heads = ["from", "to", "on / with", "measure", "people", "mean change", "effect size"]
+    return f"{Table(heads, rows, words=4).markdown()}\n{CHANGES}\n"
 
 
 def title(arm: str) -> str:

@@ -17,6 +17,7 @@ from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
+from rcmqp.world.port import Port
 
 JUMP = "device_jump.h5"
 FACTORS = "factors"
@@ -51,6 +52,7 @@ def reproduce_b(
     jobs: int = 1,
     factors: bool = False,
     learning: Learning | None = None,
+    port: Port | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ExperimentB:
     """Run experiment B with the paper's law at T = 8 ms on the LWA3, and write what it gives.
@@ -63,6 +65,7 @@ def reproduce_b(
         factors: whether the same people also use every combination of law, period, feed-forward
             and limits, see rcmqp.experiments.study.factors; 12 further trials for each person.
         learning: of the novices; None for people who do not learn.
+        port: where the incision is; None for the scenario's.
         progress: see perform().
 
     Raises:
@@ -70,7 +73,7 @@ def reproduce_b(
     """
     folder = make_folder(out)
     law = Law()
-    study = Study(operators=operators, seed=seed, laws=(law,), learning=learning)
+    study = Study(operators=operators, seed=seed, laws=(law,), learning=learning, port=port)
     performed = perform(study, folder, jobs=jobs, progress=progress)
     jump = device_jump(law)
     jump.save(folder / JUMP)
@@ -99,6 +102,7 @@ def _factorial(
         seed=study.seed,
         laws=tuple(factors().values()),
         learning=study.learning,
+        port=study.port,
     )
     performed = perform(every, folder / FACTORS, jobs=jobs, progress=progress)
     return performed, factor_table(performed.outcomes)

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rcmqp.experiments.study.comparisons import row
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.study.statistics import summary
+from rcmqp.experiments.study.vocabulary import TRIALS
+from rcmqp.show.table import Table
 
 PERIODS = (8e-3, 1e-3)
 
@@ -38,14 +39,14 @@ obstacle's and the trocar's go with the joints', and no braking distance is coun
 """
 
 MEASURES = (
-    ("RCM rms [mm]", "rcm_rms_mm", "mean", ".2g"),
-    ("RCM max [mm]", "rcm_max_mm", "largest", ".2g"),
-    ("tip rms [mm]", "tip_rms_mm", "mean", ".2g"),
-    ("effector rms [mm]", "effector_rms_mm", "mean", ".2g"),
-    ("effector max [mm]", "effector_max_mm", "largest", ".3g"),
-    ("joint speed / limit, max", "speed_ratio_max", "largest", ".2f"),
+    ("rcm_rms_mm", "mean", ".2g"),
+    ("rcm_max_mm", "largest", ".2g"),
+    ("tip_rms_mm", "mean", ".2g"),
+    ("effector_rms_mm", "mean", ".2g"),
+    ("effector_max_mm", "largest", ".3g"),
+    ("speed_ratio_max", "largest", ".2f"),
 )
-"""Label, Outcome's field, which number of its Summary, and how that is written."""
+"""Outcome's field, which number of its Summary, and how that is written."""
 
 EFFECTS = ("rcm_rms_mm", "tip_rms_mm", "effector_rms_mm")
 """What the effects of the factors are given for."""
@@ -87,19 +88,23 @@ def factor_table(outcomes: Sequence[Outcome]) -> str:
         levels: {o.operator: o for o in outcomes if o.controller == str(law)}
         for levels, law in factors().items()
     }
-    heads = ["controller", "period", "feed-forward", "limits", *(m[0] for m in MEASURES)]
-    lines = [row(heads), row(["---"] * 4 + ["---:"] * len(MEASURES))]
+    rows = []
     for (name, period, ahead, kept), mine in of.items():
         numbers = [
             format(getattr(summary([getattr(o, field) for o in mine.values()]), kind), style)
-            for _, field, kind, style in MEASURES
+            for field, kind, style in MEASURES
         ]
-        lines.append(row([name, f"{1e3 * period:g} ms", ahead, kept, *numbers]))
-    lines += ["", row(["factor", "with", *EFFECTS]), row(["---"] * 2 + ["---:"] * len(EFFECTS))]
-    for label, law, pairs in _contrasts(list(of)):
-        cells = [_ratio([(of[a], of[b]) for a, b in pairs], field) for field in EFFECTS]
-        lines.append(row([label, law, *cells]))
-    return "\n".join([*lines, "", NOTES])
+        rows.append([name, f"{1e3 * period:g} ms", ahead, kept, *numbers])
+    effects = [
+        [label, law, *(_ratio([(of[a], of[b]) for a, b in pairs], field) for field in EFFECTS)]
+        for label, law, pairs in _contrasts(list(of))
+    ]
+    columns = [TRIALS[field].column for field, _, _ in MEASURES]
+    both = (
+        Table(["controller", "period", "feed-forward", "limits", *columns], rows, words=4),
+        Table(["factor", "with", *(TRIALS[field].column for field in EFFECTS)], effects, words=2),
+    )
+    return "\n".join([*(table.markdown() for table in both), NOTES])
 
 
 def _contrasts(all_levels: Sequence[Levels]) -> list[tuple[str, str, list[tuple[Levels, Levels]]]]:

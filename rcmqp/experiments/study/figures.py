@@ -17,7 +17,7 @@ from rcmqp.experiments.study.record import Record
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping
-from rcmqp.references.operators import GROUPS, CameraTrial
+from rcmqp.references.operators import GROUPS, camera_trial
 from rcmqp.references.view import view_pose
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.labels import given_words
@@ -37,8 +37,7 @@ GROUP_COLOURS = dict(zip(GROUPS, ("#D55E00", "#0072B2"), strict=True))
 
 def views(scenario: Scenario, size: int = 480) -> list[Array]:
     """The images (size, size, 3) of the start and of the four objectives: Fig. 4."""
-    path = scenario.path
-    assert isinstance(path, CameraTrial)
+    path = camera_trial(scenario.path, scenario.name)
     depth = scenario.insertion().tip_depth
     mapping = HandMapping()
     shown: Sequence[Sphere] = (*path.task.spheres, path.task.obstacle)
@@ -105,8 +104,7 @@ def trial_figure(record: Record) -> Figure:
 
 def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
     """The camera's way with objectives and obstacle, as the paper's Fig. 7 [mm]."""
-    path = scenario.path
-    assert isinstance(path, CameraTrial)
+    path = camera_trial(scenario.path, scenario.name)
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     axes: Axes3D = figure.add_subplot(projection="3d")
     tip = 1e3 * record.traces["tip"]

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rcmqp.errors import OptionError
-from rcmqp.experiments.study.comparisons import row
 from rcmqp.experiments.study.outcome import SLOW
+from rcmqp.experiments.study.vocabulary import HANDS
 from rcmqp.files import make_folder, write_text
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import GROUPS, CameraTrial, Learning, operator_of_study
@@ -32,6 +32,7 @@ from rcmqp.references.view import view_pose
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
 from rcmqp.show.palette import colour
+from rcmqp.show.table import Table, definitions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,37 +52,14 @@ WINDOW = 4.0
 TREMOR_BAND = (8.0, 12.0)
 """[Hz]."""
 
-ROWS = (
-    ("movements a minute", "movements_per_min", ".0f"),
-    ("duration of a movement, median [s]", "movement_s", ".2f"),
-    ("share of time below 10 mm/s", "slow_share", ".2f"),
-    ("speed while moving, mean [mm/s]", "speed_mean_mm_s", ".1f"),
-    ("speed, peak [mm/s]", "speed_max_mm_s", ".0f"),
-    ("SPARC of a movement, median", "sparc", ".2f"),
-    ("LDLJ of a movement, median", "ldlj", ".2f"),
-    ("half of the speed's power is below [Hz]", "half_power_hz", ".2f"),
-    ("95 % of the speed's power is below [Hz]", "most_power_hz", ".2f"),
-    ("share of the speed's power at 8 to 12 Hz", "tremor_share", ".1e"),
-)
-"""Label, HandMeasures' field, and how it is written."""
-
 
 @dataclass(frozen=True, slots=True)
 class HandMeasures:
     """How a hand moves; NaN where it makes no movement.
 
-    Attributes:
-        label: whose hand.
-        movements_per_min: how often it moves, see SHORTEST.
-        movement_s: median duration of a movement.
-        slow_share: share of the time slower than SLOW.
-        speed_mean_mm_s: mean speed at the other times.
-        speed_max_mm_s: largest speed.
-        sparc, ldlj: medians of the movements' smoothness, see rcmqp.runs.smoothness.
-        half_power_hz, most_power_hz: frequencies below which 50 and 95 % of the power of the
-            speed about its mean lies.
-        tremor_share: share of that power in TREMOR_BAND.
-        spectrum: (2, m) frequency [Hz] and power density over its integral [1/Hz].
+    ``label`` says whose hand it is; ``spectrum`` (2, m) is frequency [Hz] and power density of the
+    speed over its integral [1/Hz]. What each number means is said in HANDS of the vocabulary; a
+    movement is SHORTEST or longer and faster than SLOW.
     """
 
     label: str
@@ -232,17 +210,20 @@ def hand_table(
     groups = {group: [m for m in model if m.label == group] for group in GROUPS}
     heads = [m.label for m in recorded]
     heads += [f"model, {len(of)} {group}" for group, of in groups.items() if of]
-    lines = [row(["", *heads]), row(["---", *["---:"] * len(heads)])]
-    for label, name, style in ROWS:
-        cells = [_cell([getattr(m, name)], style) for m in recorded]
-        cells += [_cell([getattr(m, name) for m in of], style) for of in groups.values() if of]
-        lines.append(row([label, *cells]))
+    rows = []
+    for name, measure in HANDS.items():
+        cells = [_cell([getattr(m, name)], measure.fixed) for m in recorded]
+        cells += [
+            _cell([getattr(m, name) for m in of], measure.fixed) for of in groups.values() if of
+        ]
+        rows.append([measure.row, *cells])
     note = (
         f"All hands at {rate:.3g} Hz, low-passed at {min(CUTOFF, 0.4 * rate):.3g} Hz. A movement "
         f"is {SHORTEST:g} s or more above {1e3 * SLOW:g} mm/s. Of the model: median, and [ ] the "
         "least and the largest of its people. Nothing of the model was fitted to these numbers."
     )
-    return "\n".join([*lines, "", note]) + "\n"
+    explained = {measure.row: measure.meaning for measure in HANDS.values()}
+    return f"{Table(['', *heads], rows).markdown()}\n{note}\n\n{definitions(explained)}"
 
 
 def hand_figure(recorded: Sequence[HandMeasures], model: Sequence[HandMeasures]) -> Figure:

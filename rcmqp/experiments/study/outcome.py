@@ -12,7 +12,7 @@ import numpy as np
 from rcmqp.experiments.study.plan import Trial
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.operators import CameraTrial, recognition_times
+from rcmqp.references.operators import camera_trial, recognition_times
 from rcmqp.references.operators.camera_task import clearance, reached
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
@@ -30,30 +30,9 @@ SLOW = 0.01
 class Outcome:
     """The numbers of a trial; NaN in a trial that failed.
 
-    The tip carries the camera. The effector is the point of the shaft that lay on the trocar at
-    the start. Errors are distances from where they were asked to be at the same instant.
-
-    Attributes:
-        operator: number of the person.
-        group: novice or experienced.
-        arm, controller: names.
-        period: sampling period [s].
-        feed_forward, limits_enforced, gain, assumed: what the controller was given, as
-            given_cells() has it.
-        finished: whether every objective was reached.
-        completion_s: when the last one was; NaN if not all were.
-        reached_s: when each was.
-        looking_s: the time spent finding out where the objectives reached are: drawn, not moved.
-        obstacle_tip_mm: least distance of the camera, as a point, from the obstacle's surface.
-        obstacle_shaft_mm: least distance of the shaft's surface from it; negative inside.
-        collided: whether the shaft touched it.
-        tip_speed_rms_mm_s: of the tip asked for.
-        slow_share: part of the sampling instants to which the camera came slower than SLOW.
-        rcm_rms_moving_mm: RCM error at the others.
-        speed_ratio_max: largest joint speed over its limit.
-        limit_margin_min_rad: least distance of a joint from a position limit.
-        digest: of the whole run.
-        failure: why there is no run; empty where there is one.
+    The vocabulary says what each number means, see TRIALS there. ``feed_forward``,
+    ``limits_enforced``, ``gain`` and ``assumed`` are as given_cells() has them. ``failure`` says
+    why there is no run, and is empty where there is one.
     """
 
     operator: int
@@ -94,8 +73,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
         The numbers; and the traces by name, see TRACES.
     """
     scenario = run.scenario
-    path = scenario.path
-    assert isinstance(path, CameraTrial)
+    path = camera_trial(scenario.path, scenario.name)
     insertion, task = scenario.insertion(), path.task
     back = dq.quaternion_conj(dq.P(insertion.x_rcm))
     pivot = np.array(scenario.trocar.pivot)
@@ -148,8 +126,7 @@ def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
 
 def failed_outcome(trial: Trial, scenario: Scenario, reason: str) -> Outcome:
     """Of a trial that came to no end."""
-    path = scenario.path
-    assert isinstance(path, CameraTrial)
+    path = camera_trial(scenario.path, scenario.name)
     group, law = path.operator.group, str(trial.law)
     return Outcome(trial.operator, group, scenario.arm, law, scenario.period, failure=reason)
 

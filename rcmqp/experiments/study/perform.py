@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
-from rcmqp.experiments.study.fingerprint import fingerprint
+from rcmqp.experiments.batch import Progress, batch, check_jobs
+from rcmqp.experiments.study.identity import identity
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
 from rcmqp.experiments.study.record import SUFFIX, Record
 from rcmqp.files import check_writable, make_folder, sweep
-from rcmqp.references.operators import CameraTrial
+from rcmqp.references.operators import camera_trial
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate, versions
 
 RUNS = "runs"
 """Folder of the trials' files, in the study's."""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -67,13 +65,12 @@ def perform(
     Whoever runs a trial writes its file, at once or not at all: a study that is killed goes on
     where it was when it is started again, and what comes of it is the same. Files that are
     damaged, trials that failed, and those of a controller or URDF that has changed since, see
-    fingerprint(), are made again. The outcomes do not depend on the number of jobs.
+    identity(), are made again. The outcomes do not depend on the number of jobs.
 
     Args:
         study: what to run.
         out: folder, made if it is not there; on a cluster, one that every worker sees.
-        jobs: how many processes; joblib's n_jobs, so -1 is one for each core. A backend chosen
-            with joblib.parallel_config(), such as Dask's, is used.
+        jobs: how many processes, see batch().
         progress: called with a title, how many trials were done since the last call, and in all.
 
     Raises:
@@ -81,8 +78,7 @@ def perform(
         OptionError: an arm is there twice, or ``jobs`` is 0.
         RcmqpError: scenario, arm or controller cannot be made.
     """
-    if not isinstance(jobs, int) or jobs == 0:
-        raise OptionError(f"jobs = {jobs!r}, a whole number of processes, or -1 for every core")
+    check_jobs(jobs)
     folder = make_folder(out).resolve()  # workers may be elsewhere
     runs = make_folder(folder / RUNS)
     check_writable(runs / f"a_trial{SUFFIX}")
@@ -101,14 +97,12 @@ def perform(
     notes += [f"{reason}; {count} trials are made again" for reason, count in told.items()]
     report = progress or (lambda title, done, total: None)
     report("trials", len(trials) - len(todo), len(trials))
-    work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")(
-        delayed(run_trial)(
-            trial, folder, CONTROLLERS[trial.law.name], made_of[trial.arm, trial.law]
-        )
+    work = [
+        (trial, folder, CONTROLLERS[trial.law.name], made_of[trial.arm, trial.law])
         for trial in todo
-    )
+    ]
     try:
-        for _ in work:
+        for _ in batch(run_trial, work, jobs=jobs):
             report("trials", 1, len(trials))
     except RunFileError as error:
         done = sum(trial_file(folder, trial).is_file() for trial in trials)
@@ -140,7 +134,7 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller], made_of: str) 
         folder: of the study.
         kind: the trial's controller; it comes along because another process knows those of
             rcmqp only.
-        made_of: the controller's fingerprint().
+        made_of: the trial's identity().
 
     Raises:
         RunFileError: the file cannot be written.
@@ -176,7 +170,7 @@ def _check_makeable(study: Study) -> dict[tuple[str, Law], str]:
     """Find before the work what cannot be made at all, or would be counted twice.
 
     Returns:
-        The fingerprint() of each arm's and law's controller.
+        The identity() of each arm's and law's controller.
 
     Raises:
         OptionError: two arms are the same one, or two trials would share a file.
@@ -187,10 +181,11 @@ def _check_makeable(study: Study) -> dict[tuple[str, Law], str]:
     for trial in firsts:
         scenario = trial.made()
         controller = trial.law.controller(scenario)
-        assert isinstance(scenario.path, CameraTrial)
-        scenario.path.start(controller.insertion, scenario.period, scenario.seed)
+        camera_trial(scenario.path, scenario.name).start(
+            controller.insertion, scenario.period, scenario.seed
+        )
         arms.append(scenario.arm)
-        made_of[trial.arm, trial.law] = fingerprint(controller)
+        made_of[trial.arm, trial.law] = identity(controller, scenario)
     if len(set(arms)) < len(study.arms):
         raise OptionError(f"arms = {study.arms} are only {sorted(set(arms))}; give each once")
     if len({trial.stem for trial in firsts}) < len(firsts):
@@ -227,7 +222,7 @@ def _missing(trial: Trial, folder: Path, made_of: str) -> str | None:
         return str(error)
     _check_whose(trial, record, file)
     if record.made_of != made_of:
-        return f"{trial.law} or the URDF has changed since it was run"
+        return f"{trial.law} or its code or URDF has changed since it was run"
     return "" if record.outcome.failure else None
 
 

@@ -8,17 +8,21 @@ import hashlib
 import itertools
 import json
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.references.operators import CameraTrial, Learning, Operator, operator_of_study
+from rcmqp.maths.options import options, refused, rule, whole
+from rcmqp.references.operators import Learning, Operator, camera_trial, operator_of_study
 from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
-from rcmqp.world.loading import arm_names
+from rcmqp.world.loading import names_its_flange
+from rcmqp.world.port import Port
 
 PAPERS_PERIOD = 8e-3
 """Sampling period of the paper's law [s]: the paper gives none, its Table I implies this one."""
@@ -29,8 +33,13 @@ PERIOD = 1e-3
 Stamp = tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class Law:
+class _Law(NamedTuple):
+    name: str
+    period: float
+    options: tuple[tuple[str, Any], ...]
+
+
+class Law(_Law):
     """A controller, its period and its options.
 
     Attributes:
@@ -39,23 +48,28 @@ class Law:
         options: of the controller, by name.
     """
 
-    name: str = "dual_quaternion"
-    period: float = None  # type: ignore[assignment]  # filled in
-    options: tuple[tuple[str, Any], ...] = ()
+    __slots__ = ()
 
-    def __post_init__(self) -> None:
+    def __new__(
+        cls,
+        name: str = "dual_quaternion",
+        period: float | None = None,
+        options: tuple[tuple[str, Any], ...] = (),
+    ) -> Self:
         """Check the name and fill in the period."""
-        object.__setattr__(self, "name", self.name.replace("-", "_"))
-        if self.name not in CONTROLLERS:
-            raise UnknownName("controller", self.name, CONTROLLERS)
-        if self.period is None:
-            period = PAPERS_PERIOD if self.name == "dual_quaternion" else PERIOD
-            object.__setattr__(self, "period", period)
-        if not 0.0 < self.period < 0.04:
-            raise OptionError(
-                f"period = {self.period} s, it must be positive and below 0.04 s, or an "
-                "operator's tremor cannot be shown"
-            )
+        name = name.replace("-", "_")
+        if name not in CONTROLLERS:
+            raise UnknownName("controller", name, CONTROLLERS)
+        if period is None:
+            period = PAPERS_PERIOD if name == "dual_quaternion" else PERIOD
+        if not 0.0 < period < 0.04:
+            allowed = "positive and below 0.04 s, or an operator's tremor cannot be shown"
+            raise refused("period", period, allowed, "s")
+        return super().__new__(cls, name, period, options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the check: a worker may learn of the controller later."""
+        return type(self)._make, (tuple(self),)
 
     def __str__(self) -> str:
         """Name, period and options."""
@@ -94,7 +108,7 @@ class Trial:
     """One operator, one arm, one controller.
 
     Attributes:
-        scenario: name or file of a scenario whose path is a CameraTrial.
+        scenario: name or file of a scenario whose path is a camera_trial().
         operator: number of the person in the study.
         seed: of the study.
         arm: name or path of a URDF; empty for the scenario's own.
@@ -102,6 +116,7 @@ class Trial:
         flange: with a URDF, the frame that carries the instrument.
         limits: of the joints, in place of the arm's own; None for those.
         learning: of the novices; None for the scenario's, as a rule none.
+        port: where the incision is; None for the scenario's.
     """
 
     scenario: str
@@ -112,6 +127,7 @@ class Trial:
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
+    port: Port | None = None
 
     @property
     def stem(self) -> str:
@@ -125,26 +141,32 @@ class Trial:
         Raises:
             OptionError: nobody steers in this scenario, or somebody of its own.
         """
-        flange = None if self.arm in ("", *arm_names()) else self.flange
+        flange = self.flange if self.arm and not names_its_flange(self.arm) else None
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
-        base = _base(self.scenario, self.arm, flange, self.law.period, self.limits, files)
-        if not isinstance(base.path, CameraTrial):
-            raise OptionError(
-                f"nobody steers in {self.scenario}: its path is a {type(base.path).__name__}; a "
-                "study needs a CameraTrial, as camera_task has"
-            )
-        if base.path.operator != Operator():
+        base = _base(
+            self.scenario, self.arm, flange, self.law.period, self.limits, self.port, files
+        )
+        given = camera_trial(base.path, self.scenario)
+        if given.operator != Operator():
             raise OptionError(
                 f"{self.scenario} has an operator of its own, and a study draws its people; leave "
                 "the operator out, or run the scenario by itself with rcmqp run"
             )
         person, seed = operator_of_study(self.operator, self.seed)
         path = dataclasses.replace(
-            base.path, operator=person, learning=self.learning or base.path.learning
+            given, operator=person, learning=self.learning or given.learning
         )
         return dataclasses.replace(base, path=path, seed=seed)
 
 
+def _distinct(name: str, values: Iterable[Any]) -> tuple[Any, ...]:
+    values = tuple(values)
+    if not values or len(set(values)) < len(values):
+        raise refused(name, values, "at least one, and none twice")
+    return values
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class Study:
     """Every operator with every arm and controller.
@@ -162,33 +184,40 @@ class Study:
         limits: of the joints, in place of every arm's own; None for those.
         learning: of the novices, practice before the trial and learning in it; None for people
             who do not learn.
+        port: where the incision is; None for the scenario's.
     """
 
     scenario: str = "camera_task"
-    operators: int = 20
+    operators: int = field(default=20, metadata=whole(1))
     seed: int = 0
-    arms: tuple[str, ...] = ("",)
-    laws: tuple[Law, ...] = (Law(),)
+    arms: tuple[str, ...] = field(default=("",), metadata=rule(_distinct))
+    laws: tuple[Law, ...] = field(default=(Law(),), metadata=rule(_distinct))
     flange: str | None = None
     limits: ArmLimits | None = None
     learning: Learning | None = None
+    port: Port | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        if not (isinstance(self.operators, int) and self.operators > 0):
-            raise OptionError(f"operators = {self.operators!r}, it must be a whole number above 0")
-        for name in ("arms", "laws"):
-            values = getattr(self, name)
-            if not values or len(set(values)) < len(values):
-                raise OptionError(f"{name} = {values}: at least one, and none twice")
-        if self.flange is not None and not set(self.arms).difference(("", *arm_names())):
+        """Check the flange and the seed."""
+        urdfs = [arm for arm in self.arms if arm and not names_its_flange(arm)]
+        if self.flange is not None and not urdfs:
             raise OptionError(f"flange = {self.flange} is for a URDF, and none of the arms is one")
         operator_of_study(0, self.seed)
 
     def trials(self) -> list[Trial]:
         """Every trial; all of a person's one after the other."""
         return [
-            Trial(self.scenario, i, self.seed, arm, law, self.flange, self.limits, self.learning)
+            Trial(
+                self.scenario,
+                i,
+                self.seed,
+                arm,
+                law,
+                self.flange,
+                self.limits,
+                self.learning,
+                self.port,
+            )
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
 
@@ -200,14 +229,15 @@ def _base(
     flange: str | None,
     period: float,
     limits: ArmLimits | None,
+    port: Port | None,
     files: tuple[Stamp, ...],
 ) -> Scenario:
     """The scenario without anybody in it; ``files`` is for the cache alone."""
     base = load_scenario(scenario, arm or None, flange=flange, period=period)
-    if limits is None:
-        return base
-    given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
-    return dataclasses.replace(base, limits=given)
+    if limits is not None:
+        given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
+        base = dataclasses.replace(base, limits=given)
+    return base if port is None else at_port(base, port)
 
 
 def _stamp(name: str) -> Stamp:

@@ -44,7 +44,7 @@ class Record:
         outcome: its numbers.
         scenario: the scenario as JSON, operator and seed in it.
         law: the controller as JSON, see Law.
-        made_of: what else the trial depends on, see fingerprint().
+        made_of: what else the trial depends on, see identity().
         traces: see TRACES; none of a trial that failed.
         versions: of what ran it, see simulate.versions(); not part of the digest.
     """

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from rcmqp.experiments.study.comparisons import (
     comparison_table,
     conditions,
     given_of,
-    row,
     side_by_side,
     title,
 )
@@ -19,58 +16,29 @@ from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Study
 from rcmqp.experiments.study.statistics import Summary, summary
-from rcmqp.references.operators import GROUPS, PARAMETERS, CameraTrial
+from rcmqp.experiments.study.vocabulary import TRIALS
+from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
+from rcmqp.runs.measures import Measure
 from rcmqp.runs.metrics import ROUNDING, Metrics
-from rcmqp.runs.printable import csv_text
 from rcmqp.show.labels import given_words
+from rcmqp.show.table import Table, definitions, literal
 
+MEANS = {
+    "completion_s": "68.03 ± 30.58; 84 and 52",
+    "looking_s": "not given",
+    "effector_rms_mm": "0.3398 ± 0.0163 (†)",
+    "tip_rms_mm": "0.3398 ± 0.0163 (†)",
+    "rcm_rms_mm": "0.00710 ± 0.00706",
+    "rcm_rms_moving_mm": "not given",
+    "obstacle_tip_mm": "12.52 ± 5.03 (‡)",
+    "obstacle_shaft_mm": "12.52 ± 5.03 (‡)",
+    "tip_speed_rms_mm_s": "not given",
+    "slow_share": "not given",
+}
+"""Measures with mean and standard deviation, and the paper's figures."""
 
-@dataclass(frozen=True, slots=True)
-class Measure:
-    """A row of the table.
-
-    Attributes:
-        label: what is measured.
-        name: the Outcome's field.
-        style: how its numbers are written.
-        paper: the paper's figure, mean and standard deviation.
-    """
-
-    label: str
-    name: str
-    style: str
-    paper: str = "not given"
-
-
-MEASURES = (
-    Measure("completion time [s]", "completion_s", ".1f", "68.03 ± 30.58"),
-    Measure("of which looking [s]", "looking_s", ".1f"),
-    Measure(
-        "effector error, rms [mm]: the trocar's point of the shaft",
-        "effector_rms_mm",
-        ".4f",
-        "0.3398 ± 0.0163 (*)",
-    ),
-    Measure("tip error, rms [mm]: the camera", "tip_rms_mm", ".4f", "0.3398 ± 0.0163 (*)"),
-    Measure("RCM error, rms [mm]", "rcm_rms_mm", ".3g", "0.00710 ± 0.00706"),
-    Measure("the same, while the camera moves [mm]", "rcm_rms_moving_mm", ".3g"),
-    Measure(
-        "least distance, camera to obstacle [mm]", "obstacle_tip_mm", ".2f", "12.52 ± 5.03 (**)"
-    ),
-    Measure(
-        "least distance, shaft to obstacle [mm]", "obstacle_shaft_mm", ".2f", "12.52 ± 5.03 (**)"
-    ),
-    Measure("tip speed asked for, rms [mm/s]", "tip_speed_rms_mm_s", ".1f"),
-    Measure("share of time at less than 10 mm/s", "slow_share", ".2f"),
-)
-"""Rows with mean and standard deviation."""
-
-EXTREMES = (
-    Measure("effector error", "effector_max_mm", ".2f", "4.82 (*)"),
-    Measure("tip error", "tip_max_mm", ".2f", "4.82 (*)"),
-    Measure("RCM error", "rcm_max_mm", ".3g", "0.37"),
-)
-"""Largest errors of all trials [mm]."""
+EXTREMES = {"effector_max_mm": "4.82 (†)", "tip_max_mm": "4.82 (†)", "rcm_max_mm": "0.37"}
+"""Largest errors of all trials [mm], and the paper's."""
 
 JUMP = "no person but a device jump: effector; RCM error, largest [mm]"
 """Label of the row of the scenario device_jump."""
@@ -84,8 +52,8 @@ COUNTED: tuple[tuple[str, str, Callable[[Outcome], bool]], ...] = (
 """Of how many trials something is true."""
 
 NOTES = """\
-(*) The paper's end effector is the point of the shaft at the trocar; whether its error is that
-point's or the camera's is not said, so both are given. (**) From where to where the paper
+(†) The paper's end effector is the point of the shaft at the trocar; whether its error is that
+point's or the camera's is not said, so both are given. (‡) From where to where the paper
 measures the distance is not said. Both are to the obstacle's surface: from the camera as a
 point, and from the shaft's surface.
 
@@ -129,7 +97,8 @@ def table(performed: Performed, jump: Metrics | None = None) -> str:
         parts.insert(0, f"## Side by side\n\n{beside}")
     if comparison := comparison_table(performed.outcomes):
         parts.append(f"## Paired comparisons\n\n{comparison}")
-    parts.append(NOTES)
+    explained = {TRIALS[name].row: TRIALS[name].meaning for name in (*MEANS, *EXTREMES)}
+    parts.append(f"{NOTES}\n## What the rows mean\n\n{definitions(explained)}")
     return "\n".join(parts)
 
 
@@ -138,67 +107,63 @@ def _table_one(outcomes: Sequence[Outcome], jump: Metrics | None) -> str:
     for group in GROUPS:
         groups[group] = [o for o in outcomes if o.group == group]
     heads = ["", "the paper", *(f"{name}, {len(of)}" for name, of in groups.items())]
-    lines = [row(heads), row(["---", *["---:"] * (len(heads) - 1)])]
-    for m in MEASURES:
+    rows = []
+    for name, paper in MEANS.items():
         cells = [
-            _cell(summary([getattr(o, m.name) for o in of]), m.style, len(of))
+            _cell(summary([getattr(o, name) for o in of]), TRIALS[name], len(of))
             for of in groups.values()
         ]
-        lines.append(row([m.label, m.paper, *cells]))
-        if m.name == "completion_s":
-            lines[-1] = row([m.label, f"{m.paper}; 84 and 52", *cells])
-    for m in EXTREMES:
-        found = [summary([getattr(o, m.name) for o in of]).largest for of in groups.values()]
-        cells = ["" if math.isnan(x) else format(x, m.style) for x in found]
-        lines.append(row([f"{m.label}, largest [mm]", m.paper, *cells]))
+        rows.append([TRIALS[name].row, paper, *cells])
+    for name, paper in EXTREMES.items():
+        found = [summary([getattr(o, name) for o in of]).largest for of in groups.values()]
+        cells = [TRIALS[name].text(x, TRIALS[name].fixed) for x in found]
+        rows.append([TRIALS[name].row_of("largest"), paper, *cells])
     if jump is not None:
         largest = f"{jump.effector_max_mm:.2f}; {jump.rcm_max_mm:.3g}"
-        lines.append(row([JUMP, "4.82 (*); 0.37", largest, *[""] * (len(groups) - 1)]))
+        rows.append([JUMP, "4.82 (†); 0.37", largest])
     for label, paper, has in COUNTED:
         counts = [f"{sum(map(has, of))} of {len(of)}" for of in groups.values()]
-        lines.append(row([label, paper, *counts]))
+        rows.append([label, paper, *counts])
+    text = Table(heads, rows).markdown()
     if failed := [o for o in outcomes if o.failure]:
-        lines += [
-            "",
-            f"{len(failed)} trials failed; the first, operator {failed[0].operator}: "
-            f"{failed[0].failure}",
-        ]
-    return "\n".join(lines) + "\n"
+        text += (
+            f"\n{len(failed)} trials failed; the first, operator {failed[0].operator}: "
+            f"{literal(failed[0].failure)}\n"
+        )
+    return text
 
 
 def outcomes_csv(outcomes: Sequence[Outcome]) -> str:
     """Every trial, full precision; a column for each objective's time."""
     count = max((len(o.reached_s) for o in outcomes), default=0)
-    rows = []
-    for o in outcomes:
-        numbers = dataclasses.asdict(o)
-        times = numbers.pop("reached_s")
-        rows.append(numbers | {f"reached_{i + 1}_s": t for i, t in enumerate(times)})
     names = [item.name for item in dataclasses.fields(Outcome) if item.name != "reached_s"]
-    return csv_text([*names, *(f"reached_{i + 1}_s" for i in range(count))], rows)
+    heads = [*names, *(f"reached_{i + 1}_s" for i in range(count))]
+    rows = [[*(getattr(o, name) for name in names), *o.reached_s] for o in outcomes]
+    return Table(heads, rows).csv()
 
 
 def operators_csv(study: Study) -> str:
     """Who took part: a row an operator, after rows of units, ranges and sources."""
-    parameters = PARAMETERS.items()
-    rows: list[dict[str, object]] = [
-        {"operator": what, "group": ""} | {name: getattr(p, what) for name, p in parameters}
+    rows: list[list[object]] = [
+        [what, "", *(getattr(parameter, what) for parameter in PARAMETERS.values())]
         for what in ("unit", "low", "high", "source")
     ]
     law, arm = study.laws[0], study.arms[0]
     for trial in study.trials():
-        path = trial.made().path
-        if trial.law == law and trial.arm == arm and isinstance(path, CameraTrial):
-            rows.append({"operator": trial.operator, **dataclasses.asdict(path.operator)})
-    return csv_text(["operator", "group", *PARAMETERS], rows)
+        if trial.law == law and trial.arm == arm:
+            path = camera_trial(trial.made().path, study.scenario)
+            person = dataclasses.asdict(path.operator)
+            rows.append([trial.operator, person["group"], *(person[name] for name in PARAMETERS)])
+    return Table(["operator", "group", *PARAMETERS], rows).csv()
 
 
-def _cell(found: Summary, style: str, people: int) -> str:
+def _cell(found: Summary, measure: Measure, people: int) -> str:
     """Mean, deviation and interval; of how many, if not of all the people."""
     if found.count == 0:
         return ""
     some = f" ({found.count} of {people})" if found.count < people else ""
-    if found.count == 1:
-        return f"{found.mean:{style}}{some}"
-    spread = f"{found.mean:{style}} ± {found.deviation:{style}}"
-    return f"{spread} [{found.low:{style}}, {found.high:{style}}]{some}"
+    mean, deviation, low, high = (
+        measure.text(x, measure.fixed)
+        for x in (found.mean, found.deviation, found.low, found.high)
+    )
+    return f"{mean}{some}" if found.count == 1 else f"{mean} ± {deviation} [{low}, {high}]{some}"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import options, positive
 from rcmqp.references.view import ViewCommand, view_of_tip
 from rcmqp.world.instrument import Vector3
 
@@ -13,6 +13,7 @@ SHALLOWEST = 0.01
 """The least depth of the tip that a hand may ask for [m]: a view must stay inside."""
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class HandMapping:
     """Section IV-B: the hand's way from its start becomes (t_z, alpha, beta) of equation (5).
@@ -29,12 +30,7 @@ class HandMapping:
         scale: s, tip over hand.
     """
 
-    scale: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check the scale."""
-        if not 0.0 < self.scale < math.inf:
-            raise OptionError(f"scale = {self.scale}, it must be positive and finite")
+    scale: float = field(default=1.0, metadata=positive())
 
     def view(self, way: Vector3, velocity: Vector3, tip_depth: float) -> ViewCommand:
         """The view of a hand that has gone ``way`` (3,) [m] and moves with ``velocity`` (3,).

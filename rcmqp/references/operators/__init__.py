@@ -2,7 +2,7 @@
 
 A steered path is a frozen dataclass of plain numbers like any path, but it answers what the
 camera shows: its start() gives what lives for one run. A new one is such a pair, added to
-STEERED.
+STEERED or by a plug-in.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from rcmqp.references.operators.population import (
     operator_of_study,
 )
 from rcmqp.references.operators.steering import Steering, recognition_times
-from rcmqp.references.operators.trial import CameraTrial
+from rcmqp.references.operators.trial import CameraTrial, camera_trial
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.insertion import Insertion
+from rcmqp.world.plugins import Registry
 
 
 class Asking(Protocol):
@@ -50,7 +51,9 @@ class Steered(Protocol):
         """What asks during one run; equal arguments ask for the same to the bit."""
 
 
-STEERED: dict[str, type[Steered]] = {"camera_trial": CameraTrial}
+_OWN: dict[str, type[Steered]] = {"camera_trial": CameraTrial}
+
+STEERED: Registry[Steered] = Registry("rcmqp.steered", _OWN)
 
 __all__ = [
     "GROUPS",
@@ -66,6 +69,7 @@ __all__ = [
     "Spread",
     "Steered",
     "Steering",
+    "camera_trial",
     "draw_operator",
     "operator_of_study",
     "recognition_times",

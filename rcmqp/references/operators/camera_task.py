@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import options, positive
 from rcmqp.world.instrument import Vector3
 from rcmqp.world.obstacles import Sphere
 
@@ -16,6 +16,7 @@ CORNERS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 """Of the square, in the order of the objectives: left or right, above or below in the image."""
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class CameraTask:
     """Coloured spheres, the camera positions that show them as asked for, and an obstacle.
@@ -39,19 +40,15 @@ class CameraTask:
         tolerance: distance from an objective at which it counts as reached [m]; the paper's 1 mm.
     """
 
-    side: float = 0.05
-    target_depth: float = 0.14
-    standoff: float = 0.035
-    sphere_radius: float = 0.004
-    obstacle_radius: float = 0.008
-    tolerance: float = 1e-3
+    side: float = field(default=0.05, metadata=positive("m"))
+    target_depth: float = field(default=0.14, metadata=positive("m"))
+    standoff: float = field(default=0.035, metadata=positive("m"))
+    sphere_radius: float = field(default=0.004, metadata=positive("m"))
+    obstacle_radius: float = field(default=0.008, metadata=positive("m"))
+    tolerance: float = field(default=1e-3, metadata=positive("m"))
 
     def __post_init__(self) -> None:
-        """Check the sizes."""
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"{name} = {value} m, it must be positive and finite")
+        """Check that the obstacle leaves room for the objectives."""
         if not self.obstacle_radius < self.side / 2.0 - self.tolerance:
             raise OptionError(
                 f"obstacle_radius = {self.obstacle_radius} m reaches the objectives beside it, "

@@ -21,9 +21,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.maths.options import at_least, one_of, options
 from rcmqp.references.operators.operator import GROUPS, Operator
 from rcmqp.references.operators.population import PARAMETERS
 
@@ -33,6 +33,7 @@ REFERENCE = 120.0
 """Practice after which a novice has the numbers of PARAMETERS [s]: the paper's two minutes."""
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Learning:
     """How what a novice lacks goes away with the time at the device.
@@ -60,20 +61,11 @@ class Learning:
         rate: exponent of ``power`` [A]; 0.5 takes about as much off during a trial.
     """
 
-    practice: float = REFERENCE
-    shape: str = "exponential"
-    time: float = 300.0
-    prior: float = 60.0
-    rate: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        if self.shape not in SHAPES:
-            raise UnknownName("shape of learning", str(self.shape), SHAPES)
-        for name, least in (("practice", 0.0), ("time", 1.0), ("prior", 1.0), ("rate", 0.0)):
-            value = getattr(self, name)
-            if not (isinstance(value, int | float) and least <= value < math.inf):
-                raise OptionError(f"{name} = {value}, it must be finite and {least:g} or more")
+    practice: float = field(default=REFERENCE, metadata=at_least(0.0, "s"))
+    shape: str = field(default="exponential", metadata=one_of("shape of learning", SHAPES))
+    time: float = field(default=300.0, metadata=at_least(1.0, "s"))
+    prior: float = field(default=60.0, metadata=at_least(1.0, "s"))
+    rate: float = field(default=0.5, metadata=at_least(0.0))
 
     def share(self, t: float) -> float:
         """What is left of the difference between the groups, ``t`` [s] into the trial; 1 is all.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import from_to, options, positive
 from rcmqp.references.hand.state import DeviceState
 from rcmqp.world.instrument import Vector3
 
@@ -17,6 +17,7 @@ VELOCITY_WINDOW = 0.02
 """Time over which readings are differenced to get a velocity [s]: chosen here."""
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Omega7:
     """What counts of the device for whoever holds it; translations only, as in the paper.
@@ -30,19 +31,9 @@ class Omega7:
             much: 15 is well inside what the device renders, up to 40.
     """
 
-    radius: float = 0.075
-    resolution: float = 1e-5
-    viscosity: float = 15.0
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        for name in ("radius", "resolution"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise OptionError(f"{name} = {getattr(self, name)} m, it must be positive")
-        if not 0.0 <= self.viscosity <= DAMPING_LIMIT:
-            raise OptionError(
-                f"viscosity = {self.viscosity} N s/m, the device renders 0 to {DAMPING_LIMIT}"
-            )
+    radius: float = field(default=0.075, metadata=positive("m"))
+    resolution: float = field(default=1e-5, metadata=positive("m"))
+    viscosity: float = field(default=15.0, metadata=from_to(0.0, DAMPING_LIMIT, "N s/m"))
 
     def reach(self, position: Vector3) -> Vector3:
         """The position (3,) [m], brought back to the edge of the workspace if it is outside."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.maths.options import at_least, between, one_of, options, positive
 
 GROUPS = ("novice", "experienced")
 """Those new to such systems, and those who know them; none is a surgeon, as in the paper."""
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Operator:
     """How somebody sees, decides and moves.
@@ -50,48 +50,29 @@ class Operator:
         damping: of the arm [N s/m].
     """
 
-    group: str = "experienced"
-    delay: float = 0.20
-    interval: float = 0.40
-    gain: float = 0.85
-    motor_noise: float = 0.07
-    weber_lateral: float = 0.045
-    weber_depth: float = 0.22
-    weber_cross: float = 0.05
-    floor_lateral: float = 0.375e-3
-    floor_depth: float = 1.6e-3
-    depth_bias: float = 0.5e-3
-    memory: float = 0.1
-    recognition: float = 8.7
-    recognition_shape: float = 3.0
-    fitts_intercept: float = 0.18
-    fitts_slope: float = 0.09
-    shortest: float = 0.25
-    speed: float = 0.08
-    tremor: float = 80e-6
-    tremor_frequency: float = 10.0
-    tremor_damping: float = 0.06
-    margin: float = 5e-3
-    caution: float = 2.0
-    mass: float = 0.35
-    stiffness: float = 350.0
-    damping: float = 12.0
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        if self.group not in GROUPS:
-            raise UnknownName("group of operators", str(self.group), GROUPS)
-        for item in fields(self)[1:]:
-            value = getattr(self, item.name)
-            if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
-                raise OptionError(f"{item.name} = {value}, it must be finite and 0 or more")
-        for name in ("interval", "gain", "shortest", "speed", "mass", "stiffness", "damping"):
-            if getattr(self, name) == 0.0:
-                raise OptionError(f"{name} = 0, it must be positive: nobody would move")
-        if not self.recognition_shape > 0.0:
-            raise OptionError(f"recognition_shape = {self.recognition_shape}, must be positive")
-        if not (self.tremor_frequency > 0.0 and 0.0 < self.tremor_damping < 1.0):
-            raise OptionError(
-                f"tremor_frequency = {self.tremor_frequency} Hz must be positive, tremor_damping "
-                f"= {self.tremor_damping} between 0 and 1"
-            )
+    group: str = field(default="experienced", metadata=one_of("group of operators", GROUPS))
+    delay: float = field(default=0.20, metadata=at_least(0.0, "s"))
+    interval: float = field(default=0.40, metadata=positive("s"))
+    gain: float = field(default=0.85, metadata=positive())
+    motor_noise: float = field(default=0.07, metadata=at_least(0.0))
+    weber_lateral: float = field(default=0.045, metadata=at_least(0.0))
+    weber_depth: float = field(default=0.22, metadata=at_least(0.0))
+    weber_cross: float = field(default=0.05, metadata=at_least(0.0))
+    floor_lateral: float = field(default=0.375e-3, metadata=at_least(0.0, "m"))
+    floor_depth: float = field(default=1.6e-3, metadata=at_least(0.0, "m"))
+    depth_bias: float = field(default=0.5e-3, metadata=at_least(0.0, "m"))
+    memory: float = field(default=0.1, metadata=at_least(0.0))
+    recognition: float = field(default=8.7, metadata=at_least(0.0, "s"))
+    recognition_shape: float = field(default=3.0, metadata=positive())
+    fitts_intercept: float = field(default=0.18, metadata=at_least(0.0, "s"))
+    fitts_slope: float = field(default=0.09, metadata=at_least(0.0, "s/bit"))
+    shortest: float = field(default=0.25, metadata=positive("s"))
+    speed: float = field(default=0.08, metadata=positive("m/s"))
+    tremor: float = field(default=80e-6, metadata=at_least(0.0, "m"))
+    tremor_frequency: float = field(default=10.0, metadata=positive("Hz"))
+    tremor_damping: float = field(default=0.06, metadata=between(0.0, 1.0))
+    margin: float = field(default=5e-3, metadata=at_least(0.0, "m"))
+    caution: float = field(default=2.0, metadata=at_least(0.0))
+    mass: float = field(default=0.35, metadata=positive("kg"))
+    stiffness: float = field(default=350.0, metadata=positive("N/m"))
+    damping: float = field(default=12.0, metadata=positive("N s/m"))

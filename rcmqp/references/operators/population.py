@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import allowed, whole
 from rcmqp.references.operators.operator import GROUPS, Operator
 
 
@@ -210,8 +210,6 @@ def operator_of_study(index: int, seed: int) -> tuple[Operator, int]:
     Raises:
         OptionError: index or seed is no whole number from 0 on.
     """
-    for name, value in (("index", index), ("seed", seed)):
-        if not (isinstance(value, int) and value >= 0):
-            raise OptionError(f"{name} = {value!r}, it must be a whole number, 0 or more")
+    index, seed = allowed("index", index, whole(0)), allowed("seed", seed, whole(0))
     person, trial = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)
     return draw_operator(GROUPS[index % 2], person), int(trial.generate_state(1)[0])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rcmqp.errors import OptionError
+from rcmqp.maths.options import options, or_none, part, positive
 from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators.camera_task import CameraTask
 from rcmqp.references.operators.learning import Learning
@@ -14,8 +14,11 @@ from rcmqp.references.operators.omega7 import Omega7
 from rcmqp.references.operators.operator import Operator
 from rcmqp.references.operators.steering import Steering
 from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class CameraTrial:
     """One operator, one device, one task; ends when the task is done.
@@ -30,30 +33,21 @@ class CameraTrial:
             people who stay as they are, which is the model of the study.
     """
 
-    operator: Operator = field(default_factory=Operator)
-    task: CameraTask = field(default_factory=CameraTask)
-    device: Omega7 = field(default_factory=Omega7)
-    mapping: HandMapping = field(default_factory=HandMapping)
-    duration: float = 600.0
-    learning: Learning | None = None
+    operator: Operator = field(default_factory=Operator, metadata=part(Operator))
+    task: CameraTask = field(default_factory=CameraTask, metadata=part(CameraTask))
+    device: Omega7 = field(default_factory=Omega7, metadata=part(Omega7))
+    mapping: HandMapping = field(default_factory=HandMapping, metadata=part(HandMapping))
+    duration: float = field(default=600.0, metadata=positive("s"))
+    learning: Learning | None = field(default=None, metadata=or_none(part(Learning)))
 
-    def __post_init__(self) -> None:
-        """Make the parts of what a file says of them, and check the duration."""
-        parts = (
-            ("operator", Operator),
-            ("task", CameraTask),
-            ("device", Omega7),
-            ("mapping", HandMapping),
-            *((("learning", Learning),) if self.learning is not None else ()),
-        )
-        for name, kind in parts:
-            value = getattr(self, name)
-            if isinstance(value, Mapping):
-                object.__setattr__(self, name, kind(**value))
-            elif not isinstance(value, kind):
-                raise OptionError(f"{name} = {value!r}, it must be of type {kind.__name__}")
-        if not 0.0 < self.duration < math.inf:
-            raise OptionError(f"duration = {self.duration} s, it must be positive")
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """The task's objectives; see rcmqp.references.paths.Shows."""
+        return self.task.targets
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """What the task asks to be shown."""
+        return self.task.spheres
 
     def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
         """The operator at the device; equal arguments do the same to the bit.
@@ -79,3 +73,21 @@ class CameraTrial:
             seed,
             self.learning,
         )
+
+
+def camera_trial(path: object, scenario: str) -> CameraTrial:
+    """The path of a scenario, in which a study can put its people.
+
+    Args:
+        path: any path.
+        scenario: what the scenario is called.
+
+    Raises:
+        OptionError: the path is no CameraTrial.
+    """
+    if isinstance(path, CameraTrial):
+        return path
+    raise OptionError(
+        f"nobody steers in {scenario}: its path is a {type(path).__name__}; a study needs a "
+        "CameraTrial, as camera_task has"
+    )

@@ -1,7 +1,7 @@
 """Paths: what the surgeon asks of the camera, as view commands over time.
 
 A path is a frozen dataclass of plain numbers, so that a scenario can be written as JSON; a new
-one is a class with ``duration`` and ``command()``, added to PATHS.
+one is a class with ``duration`` and ``command()``, added to PATHS or by a plug-in.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ from rcmqp.references.paths.lissajous import Lissajous
 from rcmqp.references.paths.view_moves import ViewMoves
 from rcmqp.references.paths.view_steps import ViewSteps
 from rcmqp.references.view import ViewCommand
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
+from rcmqp.world.plugins import Registry
 
 
 @runtime_checkable
@@ -36,6 +39,21 @@ class Path(Protocol):
         """The view asked for at ``t`` [s], its tip ``tip_depth`` [m] inside at the start."""
 
 
+@runtime_checkable
+class Shows(Protocol):
+    """What a path has besides, if there is something to be seen on its way; a viewer draws it.
+
+    Points are seen from the trocar in the axes of x_d(0), and move with the trocar [m].
+    """
+
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """Where the tip is to be, one after the other; it starts ``tip_depth`` [m] inside."""
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """What the camera is to look at, in its order."""
+
+
 def views_of(path: Path, times: Array, tip_depth: float) -> Array:
     """The views (n, 8) at ``times`` (n,) [s], a ViewCommand's numbers each; see Path.command()."""
     if isinstance(path, Drawn):
@@ -46,7 +64,7 @@ def views_of(path: Path, times: Array, tip_depth: float) -> Array:
 
 _NUMBERS = operator.attrgetter(*(item.name for item in dataclasses.fields(ViewCommand)))
 
-PATHS: dict[str, type[Path]] = {
+_OWN: dict[str, type[Path]] = {
     "circle": Circle,
     "conical_helix": ConicalHelix,
     "hand_trace": HandTrace,
@@ -54,6 +72,8 @@ PATHS: dict[str, type[Path]] = {
     "view_moves": ViewMoves,
     "view_steps": ViewSteps,
 }
+
+PATHS: Registry[Path] = Registry("rcmqp.paths", _OWN)
 
 __all__ = [
     "PATHS",
@@ -63,6 +83,7 @@ __all__ = [
     "HandTrace",
     "Lissajous",
     "Path",
+    "Shows",
     "ViewMoves",
     "ViewSteps",
     "views_of",

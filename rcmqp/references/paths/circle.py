@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rcmqp import _kernel
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import finite, options
 from rcmqp.maths.smooth import check_ramp, progress
 from rcmqp.references.paths.drawn import Drawn
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Circle(Drawn):
     """A circle in the plane across the shaft, from rest to rest.
@@ -31,15 +32,13 @@ class Circle(Drawn):
         ramp: how long the start and the stop take [s].
     """
 
-    radius: float = 0.015
-    turns: float = 1.0
+    radius: float = field(default=0.015, metadata=finite("m"))
+    turns: float = field(default=1.0, metadata=finite())
     duration: float = 8.0
     ramp: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the sizes."""
-        if not (math.isfinite(self.radius) and math.isfinite(self.turns)):
-            raise OptionError(f"radius = {self.radius} m, turns = {self.turns}: finite, please")
+        """Check the times."""
         check_ramp(self.duration, self.ramp)
 
     def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:

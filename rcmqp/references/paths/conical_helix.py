@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rcmqp import _kernel
 from rcmqp.errors import OptionError
+from rcmqp.maths.options import at_least, finite, options
 from rcmqp.maths.smooth import check_ramp, progress
 from rcmqp.references.paths.drawn import Drawn
 from rcmqp.world.instrument import Vector3
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class ConicalHelix(Drawn):
     """A helix on a cone about an axis through the trocar, from rest to rest.
@@ -33,22 +35,15 @@ class ConicalHelix(Drawn):
             is constant in between, and falls likewise.
     """
 
-    radius_start: float = 0.010
-    radius_end: float = 0.030
-    pitch: float = 0.04 / 3
-    turns: float = 3.0
+    radius_start: float = field(default=0.010, metadata=at_least(0.0, "m"))
+    radius_end: float = field(default=0.030, metadata=at_least(0.0, "m"))
+    pitch: float = field(default=0.04 / 3, metadata=finite("m"))
+    turns: float = field(default=3.0, metadata=finite())
     duration: float = 20.0
     ramp: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the sizes."""
-        if not all(0.0 <= radius < math.inf for radius in (self.radius_start, self.radius_end)):
-            raise OptionError(
-                f"radius_start = {self.radius_start}, radius_end = {self.radius_end} m: they must "
-                "be finite and not below zero"
-            )
-        if not (math.isfinite(self.pitch) and math.isfinite(self.turns)):
-            raise OptionError(f"pitch = {self.pitch}, turns = {self.turns}: finite, please")
+        """Check the times."""
         check_ramp(self.duration, self.ramp)
 
     def progress(self, t: float) -> tuple[float, float]:

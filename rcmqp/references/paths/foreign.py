@@ -14,7 +14,8 @@ from rcmqp.references.view import ViewCommand
 class Foreign:
     """What a file says of a path whose class this process does not have.
 
-    A run along it can be looked at; it cannot be run again before its class is in PATHS.
+    A run along it can be looked at; it cannot be run again before its class is in PATHS, by this
+    program or by a plug-in.
 
     Attributes:
         kind: its name in PATHS, where the run was made.
@@ -37,5 +38,6 @@ class Foreign:
         """
         raise OptionError(
             f"this process does not know the path {self.kind!r}, so it cannot be run; add its "
-            "class to rcmqp.references.paths.PATHS, as where the scenario was made"
+            "class to rcmqp.references.paths.PATHS, or install the plug-in that has it, as where "
+            "the scenario was made"
         )

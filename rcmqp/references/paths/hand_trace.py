@@ -5,17 +5,26 @@ from __future__ import annotations
 import csv
 import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from rcmqp.errors import OptionError
+from rcmqp.maths.options import options, part, rule
 from rcmqp.references.hand.clutch import Clutch
 from rcmqp.references.hand.mapping import HandMapping
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.instrument import Vector3
-from rcmqp.world.motions.sampled import Sampled
+from rcmqp.world.motions.sampled import Sampled, sample_positions, sample_times
 
 
+def _engaged(name: str, values: Iterable[bool]) -> tuple[bool, ...]:
+    values = tuple(values)
+    if wrong := [value for value in values if value not in (0, 1)]:
+        raise OptionError(f"{name}: {wrong[0]!r}, each must be true or false")
+    return tuple(map(bool, values))
+
+
+@options
 @dataclass(frozen=True)
 class HandTrace:
     """Views as a hand asked for them, whatever the camera showed.
@@ -29,27 +38,18 @@ class HandTrace:
         mapping: from the hand's way to the view.
     """
 
-    times: tuple[float, ...]
-    positions: tuple[Vector3, ...]
-    engaged: tuple[bool, ...] = ()
-    mapping: HandMapping = field(default_factory=HandMapping)
+    times: tuple[float, ...] = field(metadata=rule(sample_times))
+    positions: tuple[Vector3, ...] = field(metadata=rule(sample_positions))
+    engaged: tuple[bool, ...] = field(default=(), metadata=rule(_engaged))
+    mapping: HandMapping = field(default_factory=HandMapping, metadata=part(HandMapping))
 
     def __post_init__(self) -> None:
-        """Make plain tuples of the samples and check them."""
-        samples, engaged = Sampled(self.times, self.positions), tuple(self.engaged)
-        if wrong := [value for value in engaged if value not in (0, 1)]:
-            raise OptionError(f"engaged: {wrong[0]!r}, each must be true or false")
-        if engaged and len(engaged) != len(samples.times):
+        """Check that there are as many of each."""
+        samples = Sampled(self.times, self.positions)
+        if self.engaged and len(self.engaged) != len(samples.times):
             raise OptionError(
-                f"engaged: {len(engaged)} for {len(samples.times)} samples; one each, or none"
+                f"engaged: {len(self.engaged)} for {len(samples.times)} samples; one each, or none"
             )
-        if isinstance(self.mapping, Mapping):  # out of a file
-            object.__setattr__(self, "mapping", HandMapping(**self.mapping))
-        elif not isinstance(self.mapping, HandMapping):
-            raise OptionError(f"mapping = {self.mapping!r}, it must be of type HandMapping")
-        object.__setattr__(self, "times", samples.times)
-        object.__setattr__(self, "positions", samples.positions)
-        object.__setattr__(self, "engaged", tuple(map(bool, engaged)))
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str], *, scale: float = 1.0) -> HandTrace:

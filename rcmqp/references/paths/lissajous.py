@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rcmqp import _kernel
 from rcmqp.errors import OptionError
+from rcmqp.maths.options import finite, options, rule
 from rcmqp.maths.smooth import check_ramp, progress
 from rcmqp.references.paths.drawn import Drawn
 from rcmqp.world.instrument import Vector3, vector3
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Lissajous(Drawn):
     """A figure of eight that also goes in and out, from rest to rest.
@@ -33,16 +35,13 @@ class Lissajous(Drawn):
         ramp: how long the start and the stop take [s].
     """
 
-    size: Vector3 = (0.02, 0.015, 0.005)
-    turns: float = 1.0
+    size: Vector3 = field(default=(0.02, 0.015, 0.005), metadata=rule(vector3))
+    turns: float = field(default=1.0, metadata=finite())
     duration: float = 10.0
     ramp: float = 1.0
 
     def __post_init__(self) -> None:
-        """Make the size plain numbers and check it."""
-        object.__setattr__(self, "size", vector3("size", self.size))
-        if not math.isfinite(self.turns):
-            raise OptionError(f"turns = {self.turns}: finite, please")
+        """Check the times."""
         check_ramp(self.duration, self.ramp)
 
     def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:

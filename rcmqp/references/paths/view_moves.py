@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
-from rcmqp.errors import OptionError
+import numpy as np
+
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.options import at_least, options, positive, refused, rule
 from rcmqp.maths.smooth import step
-from rcmqp.references.view import ViewCommand
+from rcmqp.references.view import ViewCommand, view_pose
+from rcmqp.world.camera import camera_pose
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
+
+View: TypeAlias = tuple[float, float, float, float]
 
 
+def plain_views(name: str, values: Iterable[Iterable[float]]) -> tuple[View, ...]:
+    """Views as plain tuples.
+
+    Raises:
+        OptionError: there is none, or one is not four finite numbers.
+    """
+    try:
+        plain = tuple(tuple(map(float, view)) for view in values)
+    except (TypeError, ValueError, OverflowError):
+        plain = ()
+    if not plain or any(len(view) != 4 or not all(map(math.isfinite, view)) for view in plain):
+        raise refused(name, values, "at least one view (alpha, beta, gamma, t_z), finite numbers")
+    return plain  # type: ignore[return-value]  # four each
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class ViewMoves:
     """Views one after the other, with a move from rest to rest before each.
@@ -24,17 +49,9 @@ class ViewMoves:
         dwell: how long each view is held [s].
     """
 
-    views: tuple[tuple[float, float, float, float], ...]
-    move: float = 2.0
-    dwell: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Make the views plain tuples and check them."""
-        object.__setattr__(self, "views", check_views(self.views))
-        if not 0.0 < self.move < math.inf:
-            raise OptionError(f"move = {self.move} s, it must be positive")
-        if not 0.0 <= self.dwell < math.inf:
-            raise OptionError(f"dwell = {self.dwell} s, it must be 0 or more")
+    views: tuple[View, ...] = field(metadata=rule(plain_views))
+    move: float = field(default=2.0, metadata=positive("s"))
+    dwell: float = field(default=0.5, metadata=at_least(0.0, "s"))
 
     @property
     def duration(self) -> float:
@@ -52,18 +69,20 @@ class ViewMoves:
         rates = (ds_du / self.move * (end - start) for start, end in pairs)
         return ViewCommand(*values, *rates)
 
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """Tips of the views, each once; see Shows."""
+        return tips(self.views, tip_depth)
 
-def check_views(
-    views: tuple[tuple[float, float, float, float], ...],
-) -> tuple[tuple[float, float, float, float], ...]:
-    """Views as plain tuples.
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """None."""
+        return ()
 
-    Raises:
-        OptionError: there is none, or one is not four finite numbers.
-    """
-    plain = tuple(tuple(map(float, view)) for view in views)
-    if not plain or any(len(view) != 4 for view in plain):
-        raise OptionError("views: at least one, each (alpha, beta, gamma, t_z)")
-    if not all(map(math.isfinite, itertools.chain(*plain))):
-        raise OptionError(f"views = {plain}, every number must be finite")
-    return plain  # type: ignore[return-value]  # four each
+
+def tips(
+    views: tuple[tuple[float, float, float, float], ...], tip_depth: float
+) -> tuple[Vector3, ...]:
+    """Where the tip is in each view, from the trocar in the axes of x_d(0) [m], each once."""
+    poses = np.array([view_pose(dq.IDENTITY, ViewCommand(*view)).x_d for view in views])
+    points = dq.translation(camera_pose(poses, tip_depth)).round(9).tolist()
+    return tuple(dict.fromkeys((x, y, z) for x, y, z in points))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from rcmqp.errors import OptionError
-from rcmqp.references.paths.view_moves import check_views
+from rcmqp.maths.options import options, positive, rule
+from rcmqp.references.paths.view_moves import View, plain_views, tips
 from rcmqp.references.view import ViewCommand
+from rcmqp.world.instrument import Vector3
+from rcmqp.world.obstacles import Sphere
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class ViewSteps:
     """Views held one after the other, with a jump between them.
@@ -19,14 +21,8 @@ class ViewSteps:
         dwell: how long each one is held [s].
     """
 
-    views: tuple[tuple[float, float, float, float], ...]
-    dwell: float = 2.0
-
-    def __post_init__(self) -> None:
-        """Make the views plain tuples and check them."""
-        object.__setattr__(self, "views", check_views(self.views))
-        if not 0.0 < self.dwell < math.inf:
-            raise OptionError(f"dwell = {self.dwell} s, it must be positive")
+    views: tuple[View, ...] = field(metadata=rule(plain_views))
+    dwell: float = field(default=2.0, metadata=positive("s"))
 
     @property
     def duration(self) -> float:
@@ -37,3 +33,12 @@ class ViewSteps:
         """The view held at ``t`` [s]; ``tip_depth`` does not matter."""
         index = int(t / self.dwell + 1e-9)  # a sampling instant at a jump belongs to the next view
         return ViewCommand(*self.views[min(max(index, 0), len(self.views) - 1)])
+
+    def targets(self, tip_depth: float) -> tuple[Vector3, ...]:
+        """Tips of the views, each once; see Shows."""
+        return tips(self.views, tip_depth)
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """None."""
+        return ()

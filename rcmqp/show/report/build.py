@@ -18,7 +18,7 @@ from rcmqp.show.report.groups import Group, groups_of
 from rcmqp.show.report.remake import remake_text
 from rcmqp.show.viewer.build import check_runs, write_page
 
-INDEX, TEXT, NUMBERS = "index.html", "report.md", "report.csv"
+INDEX, TEXT, NUMBERS, LATEX = "index.html", "report.md", "report.csv", "report.tex"
 """Files that every report has."""
 
 COLUMNS = 2
@@ -59,13 +59,19 @@ def write_report(
         check_runs(group.runs)
     folder = make_folder(out)
     names = [name for group in groups for name in group.files]
+    rows = _rows(groups)
     sections = [
         *opening,
         *(
             Section(group.title, viewer=group.viewer, pictures=() if opening else pictures(group))
             for group in groups
         ),
-        Section("Numbers", f"{tables.as_markdown(_rows(groups))}\nAll columns: [CSV]({NUMBERS})"),
+        Section(
+            "Numbers",
+            f"{tables.as_markdown(rows)}\n"
+            f"All columns: [CSV]({NUMBERS}); for a paper: [LaTeX]({LATEX})\n\n"
+            f"{tables.columns_explained()}",
+        ),
         Section(
             "How to make it again",
             remake_text(groups, command or shlex.join(["rcmqp", "report", *names, "--out", "."])),
@@ -94,6 +100,7 @@ def _make(part: Path, title: str, groups: Sequence[Group], sections: Sequence[Se
         for picture in section.pictures:
             picture.write(part)
     (part / NUMBERS).write_text(tables.as_csv(_rows(groups)), encoding="utf-8")
+    (part / LATEX).write_text(tables.as_latex(_rows(groups)), encoding="utf-8")
     (part / TEXT).write_text(as_markdown(title, sections), encoding="utf-8")
     (part / INDEX).write_text(as_html(title, sections), encoding="utf-8")
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 import rcmqp
 from rcmqp.runs.run import Run
-from rcmqp.show.markdown import literal
 from rcmqp.show.plots import save_figure
+from rcmqp.show.table import literal
 from rcmqp.show.viewer.build import framed
 from rcmqp.show.viewer.capture import snapshot
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Sequence
+from typing import Any
 
 from rcmqp.controllers import CONTROLLERS, controller_options
-from rcmqp.references.paths import Foreign
+from rcmqp.references.operators import STEERED
+from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.run import Run
-from rcmqp.show.markdown import literal
+from rcmqp.show.labels import versions_text
 from rcmqp.show.report.groups import Group
-from rcmqp.show.viewer.table import versions_text
+from rcmqp.show.table import literal
+from rcmqp.world.plugins import Registry, points
 
 DIGITS = 12
 """How much of a digest is shown; the whole is in the CSV file."""
@@ -26,10 +29,10 @@ def run_command(run: Run, scenario: str, file: str) -> str:
         file: to write the run to.
     """
     kind = CONTROLLERS.get(run.controller)
-    if kind is None or not kind.__module__.startswith("rcmqp."):
+    if kind is None or not _is_installed(kind, CONTROLLERS):
         return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
     path = run.scenario.path
-    if isinstance(path, Foreign) or not type(path).__module__.startswith("rcmqp."):
+    if isinstance(path, Foreign) or not _is_installed(type(path), PATHS, STEERED):
         name = path.kind if isinstance(path, Foreign) else type(path).__name__
         return f"# {file}: its path {name!r} is not one of rcmqp's"
     defaults = controller_options(run.controller)
@@ -42,6 +45,13 @@ def run_command(run: Run, scenario: str, file: str) -> str:
     for name, value in changed.items():
         words += ["--set", f"{name}={value}"]
     return shlex.join([*words, "--out", file])
+
+
+def _is_installed(kind: type, *registries: Registry[Any]) -> bool:
+    """Whether any process finds the class: it is of rcmqp, or a plug-in's."""
+    return kind.__module__.startswith("rcmqp.") or any(
+        registry.name_of(kind) in points(registry.group) for registry in registries
+    )
 
 
 def remake_text(groups: Sequence[Group], command: str) -> str:

@@ -20,10 +20,11 @@ from rcmqp.errors import RcmqpError, ViewError
 from rcmqp.files import check_ending, check_writable, whole
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import run_labels
+from rcmqp.show.labels import run_labels, versions_text
 from rcmqp.show.palette import colour, dash
+from rcmqp.show.table import definitions_html
+from rcmqp.show.tables import metrics_meanings, metrics_table
 from rcmqp.show.viewer.bundle import Bundle, bundled, compressed
-from rcmqp.show.viewer.table import metrics_table, versions_text
 from rcmqp.show.viewer.timeline import curves, frames, stopped
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.loading import arm_title
@@ -48,10 +49,11 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
     insertion = check_runs(runs)
     title = f"{runs[0].scenario.name} on {arm_title(runs[0].scenario.arm)}"
     labels = run_labels(runs)
+    marks = [f'<i class="run {dash(i)}" style="color:{colour(i)}"></i>' for i in range(len(runs))]
     body = Template(asset("page.html")).substitute(
         title=html.escape(title),
         subtitle=html.escape(", ".join(dict.fromkeys(run.controller for run in runs))),
-        table=metrics_table(runs, labels),
+        table=metrics_table(runs, labels).html(marks) + definitions_html(metrics_meanings()),
         versions=html.escape(versions_text(runs)),
         version=html.escape(rcmqp.__version__),
         meshcat=library("meshcat", "viewer/dist/main.min.js"),

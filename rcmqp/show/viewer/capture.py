@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_ending, check_writable, whole
+from rcmqp.maths.options import allowed, positive
 from rcmqp.runs.run import Run
 from rcmqp.show.viewer.browser import ffmpeg_path, opened
 
@@ -97,8 +98,7 @@ def video(
     size = _checked(runs, path, ".mp4", camera, size)
     if size[0] % 2 or size[1] % 2:
         raise OptionError(f"size = {size}, a video needs an even width and height")
-    if not 0.0 < speed < math.inf:
-        raise OptionError(f"speed = {speed}, it must be positive and finite")
+    allowed("speed", speed, positive())
     duration = max(float(run.time[-1]) for run in runs)
     pictures = max(2, math.ceil(duration / speed * RATE) + 1)
     command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(RATE)]

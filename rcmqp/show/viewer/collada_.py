@@ -46,8 +46,11 @@ def triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 points = primitive.vertex @ placed.matrix[:3, :3].T + placed.matrix[:3, 3]
                 colour = _colour(placed.materialnodebysymbol.get(primitive.material))
-                found.setdefault(colour, []).append(points[primitive.vertex_index] * size)
-    return {colour: np.concatenate(corners) for colour, corners in found.items()}
+                corners = points[primitive.vertex_index] * size
+                if np.linalg.det(placed.matrix[:3, :3]) * np.prod(size) < 0.0:  # mirrored
+                    corners = corners[:, ::-1]
+                found.setdefault(colour, []).append(corners)
+    return {colour: np.concatenate(each) for colour, each in found.items()}
 
 
 def _colour(bound: Any) -> Colour | None:

@@ -10,8 +10,7 @@ import pinocchio as pin
 import umsgpack
 
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.operators import CameraTrial
-from rcmqp.references.view import ViewCommand, view_pose
+from rcmqp.references.paths import Shows
 from rcmqp.runs.run import Run
 from rcmqp.show.palette import SPHERES
 from rcmqp.show.viewer.meshcat_ import SetTransform, TreePath
@@ -96,25 +95,16 @@ def surroundings(run: Run, insertion: Insertion) -> dict[str, Any]:
 
 
 def targets(run: Run, insertion: Insertion) -> Array:
-    """Tips (m, 3) of the views that are to be shown one by one; they move with the trocar [m].
-
-    They are those of a path's views or a camera task's objectives; a helix has none.
-    """
-    if isinstance(run.scenario.path, CameraTrial):
-        return _from_trocar(run, insertion, run.scenario.path.task.targets)
-    views = getattr(run.scenario.path, "views", ())
-    if not views:
-        return np.zeros((0, 3))
-    poses = [view_pose(insertion.x_rcm, ViewCommand(*view)).x_d for view in views]
-    return np.unique(insertion.tip(np.array(poses)).round(9), axis=0)
+    """Tips (m, 3) that the path has as targets, see Shows; they move with the trocar [m]."""
+    path = run.scenario.path
+    points = path.targets(insertion.tip_depth) if isinstance(path, Shows) else ()
+    return _from_trocar(run, insertion, points)
 
 
 def spheres(run: Run, insertion: Insertion) -> list[Sphere]:
-    """What a camera task asks to be shown, in its order; they move with the trocar [m]."""
+    """What the path asks to be shown, see Shows; they move with the trocar [m]."""
     path = run.scenario.path
-    if not isinstance(path, CameraTrial):
-        return []
-    asked = path.task.spheres
+    asked = path.spheres if isinstance(path, Shows) else ()
     centres = _from_trocar(run, insertion, [sphere.centre for sphere in asked])
     return [
         Sphere(vector3("centre", centre), sphere.radius)
@@ -124,7 +114,8 @@ def spheres(run: Run, insertion: Insertion) -> list[Sphere]:
 
 def _from_trocar(run: Run, insertion: Insertion, points: Sequence[Vector3]) -> Array:
     """Points (m, 3) seen from the trocar in the axes of x_d(0), in the world [m]."""
-    return np.array([insertion.from_start(point) for point in points]) + run.scenario.trocar.pivot
+    turned = np.array([insertion.from_start(point) for point in points]).reshape(-1, 3)
+    return turned + run.scenario.trocar.pivot
 
 
 def _deepest(run: Run, insertion: Insertion) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from rcmqp.errors import ArmWarning
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.show.viewer import collada_
 from rcmqp.show.viewer.collada_ import Colour
@@ -19,6 +21,7 @@ from rcmqp.show.viewer.meshcat_ import Triangles
 from rcmqp.show.viewer.meshcat_ import geometry as g
 from rcmqp.show.viewer.surface import smooth
 from rcmqp.world.arm import Arm
+from rcmqp.world.geometry import geometry_of, hangs_on
 
 GREY = (0.78, 0.79, 0.81)
 CHAIN_RADIUS = 0.035
@@ -55,37 +58,26 @@ def arm_parts(arm: Arm) -> list[Part]:
 
 
 def _urdf_parts(arm: Arm) -> list[Part]:
-    if arm.urdf is None:
+    found = geometry_of(arm, pin.GeometryType.VISUAL)
+    if found is None:
         return []
-    full = pin.buildModelFromUrdf(str(arm.urdf))
-    try:
-        shapes = pin.buildGeomFromUrdf(
-            full,
-            str(arm.urdf),
-            pin.GeometryType.VISUAL,
-            package_dirs=[str(folder) for folder in arm.urdf.resolve().parents],
+    if found.missing:
+        warnings.warn(
+            f"{arm.name} is drawn without {', '.join(found.missing)}: no such mesh, or it cannot "
+            "be read; give the folder that has the package as packages in an arm's file",
+            ArmWarning,
+            stacklevel=1,
         )
-    except (ValueError, RuntimeError):  # a mesh is missing, or of a kind that is not read
-        return []
     parts = []
-    for shape in shapes.geometryObjects:
-        body = full.frames[shape.parentFrame]
-        if _beyond(full, shape.parentFrame, arm.flange):
+    for shape in found.shapes.geometryObjects:
+        body = found.model.frames[shape.parentFrame]
+        if hangs_on(found.model, shape.parentFrame, arm.flange):
             continue
         frame = arm.model.frames[arm.model.getFrameId(body.name, pin.FrameType.BODY)]
         placement = frame.placement * body.placement.actInv(shape.placement)
         for data, fix, colour in _lowered(shape):
             parts.append(Part(frame.parentJoint, placement.homogeneous @ fix, data, colour))
     return parts
-
-
-def _beyond(full: pin.Model, frame: int, flange: str) -> bool:
-    """Whether a frame of the model hangs on the flange, and is not the flange itself."""
-    while frame > 0:
-        frame = full.frames[frame].parentFrame
-        if full.frames[frame].name == flange and full.frames[frame].type == pin.FrameType.BODY:
-            return True
-    return False
 
 
 def _lowered(shape: Any) -> list[tuple[dict[str, Any], Array, Colour]]:
@@ -112,6 +104,8 @@ def _triangles(shape: Any) -> dict[Colour | None, Array]:
     mesh = shape.geometry
     rows = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
     faces = np.array([[row[0], row[1], row[2]] for row in rows])
+    if np.prod(shape.meshScale) < 0.0:  # mirrored, so that they go round the other way
+        faces = faces[:, ::-1]
     return {_colour(shape): mesh.vertices()[faces]}
 
 

@@ -1,7 +1,7 @@
 """Motions of the trocar: breathing, and anything else that moves the abdominal wall.
 
 A motion is a frozen dataclass of plain numbers, so that a scenario can be written as JSON; a
-new one is a class with ``position()`` and ``velocity()``, added to MOTIONS.
+new one is a class with ``position()`` and ``velocity()``, added to MOTIONS or by a plug-in.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from rcmqp.world.motions.breathing import Breathing
 from rcmqp.world.motions.sampled import Sampled
 from rcmqp.world.motions.sinusoid import Sinusoid
 from rcmqp.world.motions.still import Still
+from rcmqp.world.plugins import Registry
 
 
 @runtime_checkable
@@ -26,11 +27,13 @@ class Motion(Protocol):
         """Its derivative (3,) [m/s]."""
 
 
-MOTIONS: dict[str, type[Motion]] = {
+_OWN: dict[str, type[Motion]] = {
     "breathing": Breathing,
     "sampled": Sampled,
     "sinusoid": Sinusoid,
     "still": Still,
 }
+
+MOTIONS: Registry[Motion] = Registry("rcmqp.motions", _OWN)
 
 __all__ = ["MOTIONS", "Breathing", "Motion", "Sampled", "Sinusoid", "Still"]

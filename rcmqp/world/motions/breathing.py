@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, options, positive, rule, whole
 from rcmqp.world.instrument import Vector3, unit_vector3
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Breathing:
     """Breath after breath, all alike, longer near the end of expiration than of inspiration.
@@ -33,21 +34,10 @@ class Breathing:
         n: exponent, a whole number of at least 1.
     """
 
-    amplitude: float = 0.01
-    rate: float = 0.25
-    direction: Vector3 = (0.0, 0.0, 1.0)
-    n: int = 3
-
-    def __post_init__(self) -> None:
-        """Make the direction a unit vector and check the rest."""
-        object.__setattr__(self, "direction", unit_vector3("direction", self.direction))
-        if not 0.0 <= self.amplitude < math.inf:
-            raise OptionError(f"amplitude = {self.amplitude} m, it must be finite and 0 or more")
-        if not 0.0 < self.rate < math.inf:
-            raise OptionError(f"rate = {self.rate} Hz, it must be positive and finite")
-        if not (math.isfinite(self.n) and int(self.n) == self.n >= 1):
-            raise OptionError(f"n = {self.n}, it must be a whole number of at least 1")
-        object.__setattr__(self, "n", int(self.n))
+    amplitude: float = field(default=0.01, metadata=at_least(0.0, "m"))
+    rate: float = field(default=0.25, metadata=positive("Hz"))
+    direction: Vector3 = field(default=(0.0, 0.0, 1.0), metadata=rule(unit_vector3))
+    n: int = field(default=3, metadata=whole(1))
 
     def position(self, t: float) -> Array:
         """Offset (3,) at ``t`` [s] from the pivot at 0 [m]."""

@@ -3,15 +3,56 @@
 from __future__ import annotations
 
 import bisect
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import options, rule
 from rcmqp.world.instrument import Vector3, vector3
 
+LATE = 1e5
+"""First time that is taken for a clock of the recording's own [s]: a day and more."""
 
+
+def sample_times(name: str, values: Iterable[float]) -> tuple[float, ...]:
+    """Times of samples as a tuple [s].
+
+    Raises:
+        OptionError: there are fewer than two, or they are not finite, from 0 on, and growing.
+    """
+    times = tuple(map(float, values))
+    if len(times) < 2:
+        raise OptionError(f"{len(times)} {name}; a motion needs two or more")
+    if times[0] > LATE:
+        raise OptionError(
+            f"{name}[0] = {times[0]:.12g} s; times count from the run's start, at 0 s: give "
+            "times - times[0] where the recording has a clock of its own"
+        )
+    steps = np.diff(times)
+    if not (np.isfinite(times).all() and times[0] >= 0.0 and (steps > 0.0).all()):
+        wrong = int(np.argmin(steps > 0.0)) + 1
+        raise OptionError(
+            f"{name} must be finite, from 0 on, and grow: see "
+            f"{name}[{wrong}] = {times[wrong]} s after {times[wrong - 1]} s; sort the samples "
+            "and drop those that were taken twice"
+        )
+    return times
+
+
+def sample_positions(name: str, values: Iterable[ArrayLike]) -> tuple[Vector3, ...]:
+    """Positions of samples as tuples [m].
+
+    Raises:
+        OptionError: one is not three finite numbers.
+    """
+    return tuple(vector3(f"{name}[{i}]", value) for i, value in enumerate(values))
+
+
+@options
 @dataclass(frozen=True, slots=True)
 class Sampled:
     """A motion through measured positions, from rest to rest.
@@ -26,28 +67,16 @@ class Sampled:
             the first one that counts.
     """
 
-    times: tuple[float, ...]
-    positions: tuple[Vector3, ...]
+    times: tuple[float, ...] = field(metadata=rule(sample_times))
+    positions: tuple[Vector3, ...] = field(metadata=rule(sample_positions))
 
     def __post_init__(self) -> None:
-        """Make plain tuples of both and check them."""
-        times, positions = tuple(map(float, self.times)), tuple(self.positions)
-        if len(times) < 2 or len(times) != len(positions):
+        """Check that there are as many times as positions."""
+        if len(self.times) != len(self.positions):
             raise OptionError(
-                f"{len(times)} times and {len(positions)} positions; a motion needs two or more, "
-                "and as many of the one as of the other"
+                f"{len(self.times)} times and {len(self.positions)} positions; give as many of "
+                "the one as of the other"
             )
-        steps = np.diff(times)
-        if not (np.isfinite(times).all() and times[0] >= 0.0 and (steps > 0.0).all()):
-            wrong = int(np.argmin(steps > 0.0)) + 1
-            raise OptionError(
-                "times must be finite, from 0 on, and grow: see "
-                f"times[{wrong}] = {times[wrong]} s after {times[wrong - 1]} s; sort the samples "
-                "and drop those that were taken twice"
-            )
-        positions = tuple(vector3(f"positions[{i}]", p) for i, p in enumerate(positions))
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
 
     def position(self, t: float) -> Array:
         """Offset (3,) at ``t`` [s] from the pivot at 0 [m]."""
@@ -83,3 +112,14 @@ class Sampled:
         leaving = (np.array(self.positions[i + 1]) - here) / after
         slope: Array = (after * arriving + before * leaving) / (before + after)
         return slope
+
+
+def _times(given: object) -> tuple[float, ...]:
+    """Times as plain numbers."""
+    try:
+        times = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"times must be numbers in a row: {error}") from error
+    if times.ndim != 1:
+        raise OptionError(f"times has shape {times.shape}, it must be (n,); try times.ravel()")
+    return tuple(times.tolist())

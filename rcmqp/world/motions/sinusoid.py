@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, options, positive, rule
 from rcmqp.maths.smooth import step
 from rcmqp.world.instrument import Vector3, unit_vector3
 
 
+@options
 @dataclass(frozen=True, slots=True)
 class Sinusoid:
     """A swing along a line, whose amplitude grows smoothly from zero.
@@ -30,20 +31,10 @@ class Sinusoid:
         ramp: how long the amplitude grows [s].
     """
 
-    amplitude: float = 0.01
-    frequency: float = 0.5
-    direction: Vector3 = (0.0, 0.0, 1.0)
-    ramp: float = 2.0
-
-    def __post_init__(self) -> None:
-        """Make the direction a unit vector and check the rest."""
-        object.__setattr__(self, "direction", unit_vector3("direction", self.direction))
-        if not 0.0 <= self.amplitude < math.inf:
-            raise OptionError(f"amplitude = {self.amplitude} m, it must be finite and 0 or more")
-        for name, unit in (("frequency", "Hz"), ("ramp", "s")):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"{name} = {value} {unit}, it must be positive and finite")
+    amplitude: float = field(default=0.01, metadata=at_least(0.0, "m"))
+    frequency: float = field(default=0.5, metadata=positive("Hz"))
+    direction: Vector3 = field(default=(0.0, 0.0, 1.0), metadata=rule(unit_vector3))
+    ramp: float = field(default=2.0, metadata=positive("s"))
 
     def position(self, t: float) -> Array:
         """Offset (3,) at ``t`` [s] from the pivot at 0 [m]."""

@@ -1,0 +1,212 @@
+"""Levels of tasks below limits, solved cycle by cycle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from rcmqp import _kernel
+from rcmqp.errors import OptionError
+from rcmqp.limits import Constraint, Limit
+from rcmqp.limits.base import CompiledLimit
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level
+from rcmqp.qp.levels import Answer, Bounds
+from rcmqp.references.view import Reference
+from rcmqp.tasks import ObjectiveTask, Residual, Task, Together
+from rcmqp.tasks.base import block_of, cycle
+from rcmqp.world.arm import Arm, ArmState
+
+LevelOfTasks: TypeAlias = Task | Together
+
+Given: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array, ...]]]
+"""What is written in Python gives in a cycle, and the same as compiled code takes it."""
+
+NOTHING: Given = ([], [], [])
+
+
+class Stack:
+    """Tasks in levels and limits of an arm, with the scratch and the warm start of their solver.
+
+    In each cycle the tasks and limits that are written in Python are evaluated first, and their
+    rows are handed over. All other rows are made in compiled code, which then solves the whole.
+
+    Attributes:
+        levels: highest priority first.
+        limits: in the order in which they narrow the box.
+    """
+
+    def __init__(
+        self,
+        levels: Sequence[LevelOfTasks],
+        limits: Sequence[Limit],
+        arm: Arm,
+        period: float,
+        *,
+        approach: float,
+        backend: str,
+        guarded: int,
+        numbers: Sequence[str],
+    ) -> None:
+        """Make the compiled part.
+
+        Args:
+            levels: see the attribute.
+            limits: see the attribute.
+            arm: whose joints the unknowns are.
+            period: sampling period T [s].
+            approach: share of the joints' limits that errors brake with, see HierarchicalQP.
+            backend: see Hierarchy.
+            guarded: see Hierarchy.solve().
+            numbers: names of what is recorded of a step, four more than there are levels.
+
+        Raises:
+            OptionError: a task or a limit of the library is for another number of joints, or a
+                level() would not be asked.
+            UnknownName, SolverNotInstalled: the backend is not known, or its package is missing.
+        """
+        self.levels, self.limits = tuple(levels), tuple(limits)
+        members = [_tasks_of(level) for level in self.levels]
+        tasks = [task for level in members for task in level]
+        for asked in (*self.levels, *tasks):
+            if type(asked).level not in (Task.level, Together.level):
+                raise OptionError(
+                    f"{type(asked).__name__} has a level() of its own, which a step does not ask; "
+                    "give it an evaluate()"
+                )
+        for item in (*tasks, *self.limits):
+            block = block_of(item)
+            if block and block.joints not in (0, arm.nv):
+                raise OptionError(
+                    f"{type(item).__name__} is for {block.joints} joints, {arm.name} has "
+                    f"{arm.nv}; make it for this arm"
+                )
+        self._hierarchy = Hierarchy(backend)
+        self._joints, self._nv = arm.joints, arm.nv
+        self._level_names = tuple(level.name for level in self.levels)
+        self._tasks = [task for task in tasks if block_of(task) is None]
+        self._given = [limit for limit in self.limits if block_of(limit) is None]
+        self._row_names = [
+            limit.row_names if isinstance(limit, CompiledLimit) and block_of(limit) else None
+            for limit in self.limits
+        ]
+        self._asks = bool(self._tasks or self._given)
+        self._names = () if self._given else self._all_names(())
+        self._compiled = _kernel.Stack(
+            levels=tuple(
+                (level.speed_damping, tuple(_member(task, level) for task in shared))
+                for level, shared in zip(self.levels, members, strict=True)
+            ),
+            limits=tuple(block_of(limit) for limit in self.limits),
+            acceleration=arm.acceleration,
+            jerk=arm.jerk,
+            share=approach,
+            period=period,
+            guarded=guarded,
+            max_rounds=self._hierarchy.max_rounds,
+            names=tuple(numbers),
+        )
+
+    def reset(self) -> None:
+        """Forget the warm start."""
+        self._hierarchy.reset()
+        self._compiled.reset()
+
+    def step(
+        self, state: ArmState, reference: Reference
+    ) -> tuple[Array, dict[str, float], HierarchySolution]:
+        """The lexicographic optimum (nv,), what is recorded of it, and its account.
+
+        Raises:
+            InvalidProblem: what a task or a limit in Python gives is not usable.
+        """
+        residuals, constraints, given = self._rows(state, reference) if self._asks else NOTHING
+        found = self._compiled.step(
+            state.x,
+            state.J_local,
+            state.angles,
+            state.v,
+            state.a,
+            reference.x_d,
+            reference.x_d_dot,
+            reference.pivot,
+            reference.pivot_dot,
+            given,
+            self._hierarchy.asks,
+        )
+        if found is None:
+            raise self._refusal(residuals, constraints)
+        v, numbers, summary, ends, m = found
+        names = self._all_names(constraints) if constraints else self._names
+        answer = _kernel.record(Answer, numbers, ends, self._nv, m)
+        asked = self._hierarchy.verdicts()
+        solution = _kernel.record(HierarchySolution, v, names, answer, self._level_names, asked)
+        return v, summary, solution
+
+    def problem(self, state: ArmState, reference: Reference) -> tuple[list[Level], Bounds]:
+        """What step() solves, number for number, as Hierarchy.solve() takes it.
+
+        Raises:
+            InvalidProblem: what a task or a limit in Python gives is not usable.
+        """
+        residuals, constraints, given = self._rows(state, reference)
+        found = self._compiled.problem(*cycle(state, reference), given)
+        if found is None:
+            raise self._refusal(residuals, constraints)
+        A, b, ends, lower, upper, C, d = found
+        starts = [0, *ends[:-1].tolist()]
+        levels = [
+            Level(A[start:end], b[start:end], level.name, damping=level.speed_damping)
+            for start, end, level in zip(starts, ends.tolist(), self.levels, strict=False)
+        ]
+        return levels, Bounds(lower, upper, C, d, self._all_names(constraints))
+
+    def _rows(self, state: ArmState, reference: Reference) -> Given:
+        """What the tasks and the limits that are written in Python give."""
+        residuals = [task.residual(state, reference) for task in self._tasks]
+        constraints = [limit.constraint(state, reference) for limit in self._given]
+        arrays: list[tuple[Array, ...]] = [(r.error, r.jacobian, r.drift) for r in residuals]
+        arrays += [(c.lower, c.upper, c.C, c.d) for c in constraints]
+        return residuals, constraints, arrays
+
+    def _all_names(self, constraints: Sequence[Constraint]) -> tuple[str, ...]:
+        """Names of the joints, then of the hard rows."""
+        asked, names = iter(constraints), list(self._joints)
+        for known in self._row_names:
+            names += next(asked).names if known is None else known
+        return tuple(names)
+
+    def _refusal(
+        self, residuals: Sequence[Residual], constraints: Sequence[Constraint]
+    ) -> InvalidProblem:
+        """What is wrong with rows that compiled code does not take, in words."""
+        kind = ""
+        try:
+            for task, residual in zip(self._tasks, residuals, strict=True):
+                kind = type(task).__name__
+                level = Level(residual.jacobian, -residual.error - residual.drift, task.name)
+                unknowns = level.A.shape[1]
+                if unknowns != self._nv and len(level.A):
+                    return InvalidProblem(
+                        f"level {task.name!r} has {unknowns} unknowns, the bounds have {self._nv}"
+                    )
+            for limit, found in zip(self._given, constraints, strict=True):
+                kind = type(limit).__name__
+                Bounds(found.lower, found.upper, found.C, found.d)
+        except InvalidProblem as error:
+            return InvalidProblem(f"{kind}: {error}")
+        return InvalidProblem("a task or a limit gives rows that cannot be used")
+
+
+def _tasks_of(level: LevelOfTasks) -> tuple[Task, ...]:
+    return level.tasks if isinstance(level, Together) else (level,)
+
+
+def _member(task: Task, level: LevelOfTasks) -> tuple[_kernel.Block | None, float, float]:
+    """A task as compiled code takes it: its rows, gain and the root of its weight.
+
+    A weight means nothing on a level of its own, and an objective has no error to reduce.
+    """
+    gain = 0.0 if isinstance(task, ObjectiveTask) else task.gain
+    return block_of(task), gain, 1.0 if task is level else math.sqrt(task.weight)

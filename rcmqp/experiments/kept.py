@@ -1,0 +1,66 @@
+"""A run that an earlier, perhaps interrupted, comparison has made already."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import json
+from pathlib import Path
+
+from rcmqp.controllers import Controller
+from rcmqp.errors import RunFileError
+from rcmqp.runs.run import Run
+from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.simulate import versions
+
+
+def kept_run(file: Path, scenario: Scenario, controller: Controller) -> Run | None:
+    """The run in a file, if simulating it again would give the same one; else None.
+
+    It is the same if scenario, controller, options, URDF and versions are, and if no code of
+    rcmqp, of the controller, the path, the plant or the motion has changed since. Code that these
+    classes call elsewhere does not count: after a change of it, give another folder.
+
+    Args:
+        file: of the run; it may be missing or damaged.
+        scenario: what is to be simulated.
+        controller: likewise.
+    """
+    if not file.is_file():
+        return None
+    try:
+        head = (run := Run.load(file)).head
+    except RunFileError:
+        return None
+    arm = controller.insertion.arm
+    if (head.scenario.to_json(), head.controller, head.urdf_sha256, dict(head.versions)) != (
+        scenario.to_json(),
+        controller.name,
+        arm.sha256,
+        versions(),
+    ) or _plain(head.options) != _plain(controller.options):
+        return None
+    parts = (controller, scenario.path, scenario.plant, scenario.motion)
+    changed = max(_own_code(), *(_code(type(part)) for part in parts))
+    return run if changed < file.stat().st_mtime else None
+
+
+def _plain(options: object) -> str:
+    """Options as a file keeps them."""
+    return json.dumps(options, sort_keys=True, default=str)
+
+
+@functools.cache
+def _own_code() -> float:
+    """When a file of rcmqp's code was last changed."""
+    folder = Path(__file__).parents[1]
+    files = [*folder.rglob("*.py"), *folder.glob("*.so"), *folder.glob("*.pyd")]
+    return max(file.stat().st_mtime for file in files)
+
+
+def _code(kind: type) -> float:
+    """When the file of a class was last changed; infinite of one that is in no file."""
+    try:
+        return Path(inspect.getfile(kind)).stat().st_mtime
+    except (TypeError, OSError):
+        return float("inf")

@@ -1,0 +1,42 @@
+"""A scenario moved to a port of one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.runs.scenario import Scenario
+from rcmqp.world.instrument import vector3
+from rcmqp.world.motions import Breathing, Sinusoid
+from rcmqp.world.port import Port
+
+
+def at_port(scenario: Scenario, port: Port) -> Scenario:
+    """The scenario at this port; what it has in the patient goes along with the shaft.
+
+    Obstacles, and the direction in which the trocar moves, keep their places as seen from the
+    shaft at the start. A recorded motion of the trocar, which is in the world's axes, stays.
+
+    Raises:
+        InsertionError: the instrument does not get into the port.
+    """
+    before = scenario.insertion()
+    after = port.insertion(before)
+    turn = dq.mul(after.x_rcm, dq.conj(before.x_rcm))
+    changes: dict[str, Any] = {}
+    if isinstance(scenario.motion, Breathing | Sinusoid):
+        direction = vector3("direction", dq.rotate(dq.P(turn), scenario.motion.direction))
+        changes["motion"] = dataclasses.replace(scenario.motion, direction=direction)
+    moved = []
+    for obstacle in scenario.obstacles:
+        centre = dq.translation(turn) + dq.rotate(dq.P(turn), obstacle.centre)
+        moved.append(dataclasses.replace(obstacle, centre=vector3("centre", centre)))
+    return dataclasses.replace(
+        scenario,
+        angles_start=tuple(after.angles_start),
+        trocar=after.trocar,
+        shaft_tolerance=port.shaft_tolerance,
+        obstacles=tuple(moved),
+        **changes,
+    )

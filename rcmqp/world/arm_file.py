@@ -1,0 +1,183 @@
+"""The file that describes an arm: robots/<name>/robot.toml, or one of the user's own."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rcmqp.errors import ArmError, UnknownName
+
+MOST_FILE = 1_000_000
+"""Bytes of an arm's file."""
+
+LIMITS = ("position", "velocity", "acceleration", "jerk")
+
+KEYS = {
+    "": (
+        "title",
+        "licence",
+        "like",
+        "urdf",
+        "packages",
+        "home",
+        *LIMITS,
+        "speed_near_limits",
+        "srs_offsets",
+        "flange",
+        "base",
+        "rail",
+        "locked",
+        "sources",
+    ),
+    "flange": ("frame", "xyz", "rpy"),
+    "base": ("xyz", "rpy"),
+    "rail": ("axis", "lower", "upper", "velocity"),
+}
+"""What an arm's file may say, and what its tables may."""
+
+TABLES = ("flange", "base", "rail", "locked", "sources")
+
+_EXAMPLE_ROBOT_DATA = "example-robot-data"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmFile:
+    """What an arm's file says; see docs/own-arm.md.
+
+    Attributes:
+        path: the file.
+        entry: its keys.
+        urdf: the URDF that it names.
+        packages: folders in which the meshes of package:// are looked for.
+    """
+
+    path: Path
+    entry: Mapping[str, Any]
+    urdf: Path
+    packages: tuple[Path, ...]
+
+    def placement(self, table: str) -> pin.SE3:
+        """Of [flange] in its frame, or of [base] in the world: xyz [m] and rpy [rad]."""
+        given = self.entry.get(table, {})
+        xyz, rpy = (self._vector(table, key, given.get(key, [0.0] * 3)) for key in ("xyz", "rpy"))
+        return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+    def rail(self) -> dict[str, str] | None:
+        """The rail that the base stands on, as attributes of a URDF's joint; None without one."""
+        given = self.entry.get("rail")
+        if given is None:
+            return None
+        if missing := [key for key in KEYS["rail"] if key not in given]:
+            raise ArmError(
+                f"{self.path}: [rail] has no {missing[0]}; it needs all of its keys: "
+                f"{', '.join(KEYS['rail'])}"
+            )
+        axis = self._vector("rail", "axis", given["axis"])
+        texts = {key: self._number(f"rail.{key}", given[key]) for key in KEYS["rail"][1:]}
+        return {"axis": " ".join(map(repr, axis.tolist())), **texts}
+
+    def _vector(self, table: str, key: str, values: Any) -> Any:
+        good = isinstance(values, Sequence) and len(values) == 3 and all(map(_is_number, values))
+        if not good:
+            raise ArmError(
+                f"{self.path}: {table}.{key} = {values!r}, it must be three numbers, such as "
+                "[0.0, 0.0, 1.5]; lengths in m, angles in rad"
+            )
+        return np.array(values, dtype=float)
+
+    def _number(self, what: str, value: Any) -> str:
+        if not _is_number(value):
+            raise ArmError(f"{self.path}: {what} = {value!r}, it must be a number")
+        return repr(float(value))
+
+
+def read_arm_file(path: Path, robots: Path) -> ArmFile:
+    """Read an arm's file; with ``like``, what it does not say is that of a registered arm.
+
+    Args:
+        path: the file.
+        robots: the folder of the registered arms.
+
+    Raises:
+        ArmError: it is missing, is no TOML, or says something that is not allowed.
+        UnknownName: a key, or the arm in ``like``, is not known.
+    """
+    entry = _toml(path)
+    folder = path.parent
+    if "like" in entry:
+        names = sorted(each.name for each in robots.iterdir() if (each / "robot.toml").is_file())
+        if entry["like"] not in names:
+            raise UnknownName("arm", f"{entry['like']}", names)
+        if "urdf" in entry:
+            raise ArmError(f"{path}: has both urdf and like; give one of them")
+        folder = robots / entry["like"]
+        entry = _merged(_toml(folder / "robot.toml"), entry)
+    if not isinstance(entry.get("urdf"), str):
+        raise ArmError(
+            f'{path}: has no urdf; add urdf = "my_robot.urdf", its path from this file, or '
+            'like = "ur5", a registered arm that differs only in what the file says'
+        )
+    if not isinstance(entry.get("flange", {}).get("frame"), str):
+        raise ArmError(
+            f"{path}: has no [flange] with a frame; add the name of the URDF's link that carries "
+            'the instrument: frame = "tool0"'
+        )
+    packages = entry.get("packages", [])
+    if not isinstance(packages, list) or not all(isinstance(each, str) for each in packages):
+        raise ArmError(f"{path}: packages = {packages!r}, it must be a list of folders")
+    found = tuple((path.parent / each).resolve() for each in packages)
+    if missing := [each for each in found if not each.is_dir()]:
+        raise ArmError(f"{path}: there is no folder {missing[0]}, which packages names")
+    return ArmFile(path, entry, _resolve(folder, entry["urdf"], path), found)
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    """An arm's file as a dictionary whose keys and tables are known."""
+    try:
+        if not path.is_file():
+            raise ArmError(f"{path}: no such file; give the path of an arm's .toml")
+        if (size := path.stat().st_size) > MOST_FILE:
+            raise ArmError(f"{path} has {size} bytes, an arm's file {MOST_FILE} at most")
+        entry = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, RecursionError) as error:
+        raise ArmError(f"{path} is not TOML: {error}") from error
+    for table in TABLES:
+        if not isinstance(entry.get(table, {}), dict):
+            raise ArmError(f"{path}: {table} = {entry[table]!r}, it must be a table: [{table}]")
+    for table, known in KEYS.items():
+        for key in entry.get(table, {}) if table else entry:
+            if key not in known:
+                raise UnknownName(f"key in {path}{f' [{table}]' if table else ''}", key, known)
+    return entry
+
+
+def _merged(own: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """A registered arm's entry with what is given in its place; tables key by key."""
+    entry = dict(own) | dict(given)
+    for table in ("flange", "locked", "sources"):
+        entry[table] = own.get(table, {}) | given.get(table, {})
+    return entry
+
+
+def _resolve(folder: Path, urdf: str, file: Path) -> Path:
+    """Path of a URDF that a file names: beside it, or inside the example-robot-data wheel."""
+    package, colon, inside = urdf.partition(":")
+    if not colon or package != _EXAMPLE_ROBOT_DATA:
+        return folder / urdf
+    try:
+        root = importlib.metadata.distribution(package).locate_file("")
+    except importlib.metadata.PackageNotFoundError as error:
+        raise ArmError(f"{file} needs the models of {package}: pip install {package}") from error
+    return Path(str(root)) / "cmeel.prefix/share" / _EXAMPLE_ROBOT_DATA / "robots" / inside
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,95 @@
+"""Where the incision is in a patient of one's own, and how the instrument gets into it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rcmqp.errors import OptionError
+from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
+from rcmqp.world.instrument import Vector3, vector3
+from rcmqp.world.start import find_start
+
+DOWN: Vector3 = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """What is given of the incision; None keeps what a scenario has.
+
+    With a pivot alone the arm moves to a start that find_start() finds. With a tolerance as well
+    the instrument is in already: the arm stays at its start, and the pivot, measured a little off
+    the shaft, is taken as it is if it is no farther off than that.
+
+    Attributes:
+        pivot: (3,) in the world [m].
+        axis: (3,) in the world, into the patient; straight down without it, or the shaft's own
+            direction where the arm stays.
+        depth: how far the tip is beyond the pivot at the start [m].
+        cone: how far the shaft may tilt from the axis [rad].
+        tolerance: how far off the shaft the pivot may be found [m].
+    """
+
+    pivot: Vector3 | None = None
+    axis: Vector3 | None = None
+    depth: float | None = None
+    cone: float | None = None
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check that what is given goes together."""
+        if self.pivot is None:
+            for name in ("axis", "tolerance"):
+                if getattr(self, name) is not None:
+                    raise OptionError(f"{name} goes with a trocar; say where that is as well")
+        elif self.tolerance is not None and self.depth is not None:
+            raise OptionError(
+                "depth and tolerance do not go together: with a tolerance the arm stays where it "
+                "is, and so does the tip; leave one of them out"
+            )
+        if self.tolerance is not None and not 0.0 < self.tolerance <= 0.05:
+            raise OptionError(
+                f"tolerance = {1e3 * self.tolerance:g} mm, it must be above 0 and at most 50 mm"
+            )
+
+    def insertion(self, before: Insertion) -> Insertion:
+        """The instrument of another insertion in this port.
+
+        Args:
+            before: its arm, instrument and obstacles stay; so do its joint angles, unless a pivot
+                without a tolerance is given, and of its trocar what the port does not say.
+
+        Raises:
+            TrocarOffShaft: the pivot is farther off the shaft than the tolerance.
+            InsertionError: no start was found, or depth or cone do not fit.
+        """
+        arm, instrument, angles = before.arm, before.instrument, before.angles_start
+        depth = before.tip_depth if self.depth is None else self.depth
+        flange = arm.with_effector(pin.SE3.Identity()).state(before.q_start).oMe
+        shaft = vector3("shaft", flange.rotation[:, 2])
+        on_shaft = flange.act(np.array([0.0, 0.0, instrument.tip - depth]))
+        stays = self.pivot is None or self.tolerance is not None
+        trocar = dataclasses.replace(
+            before.trocar,
+            pivot=self.pivot or vector3("pivot", on_shaft),
+            axis=self.axis or (shaft if stays else DOWN),
+            cone_half_angle=before.trocar.cone_half_angle if self.cone is None else self.cone,
+        )
+        if not stays:
+            angles = find_start(arm, instrument, trocar, depth=depth)
+        return Insertion(
+            arm,
+            instrument,
+            trocar,
+            angles,
+            tolerance=self.shaft_tolerance,
+            obstacles=before.obstacles,
+        )
+
+    @property
+    def shaft_tolerance(self) -> float:
+        """How far off the shaft the pivot may be found [m]."""
+        return SHAFT_TOLERANCE if self.tolerance is None else self.tolerance

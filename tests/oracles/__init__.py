@@ -1,0 +1,1 @@
+"""What compiled code computes, written again in numpy, to test it against."""
