@@ -1,7 +1,7 @@
 # make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
 # make docs: the site, into docs/_build/html, and a check of its links and names.
 # make gallery: the pictures of examples/, for the site.
-# make tables: the tables of README.md and docs/, each by the command in front of it; some minutes.
+# make tables: the tables of docs/, each by the command in front of it; some minutes.
 # make lint, make types: Python and the viewer's JavaScript; they need npm for the latter.
 # make test-fast: the tests that need no browser, study or long run; about a minute on two cores.
 # make sanitize: the kernel's tests under the address and undefined-behaviour sanitizers; gcc, Linux.

@@ -1,4 +1,4 @@
-"""Make the tables of README.md and docs/ again: each from the command in the comment above it.
+"""Make the tables of docs/ again: each from the command in the comment above it.
 
     <!-- comparison/comparison.md, table 1: rcmqp compare -s fast_helix -a lwa3 -->
 
@@ -26,7 +26,7 @@ from typing import Any
 import rcmqp
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
 RESULTS = ROOT / "benchmarks" / "results" / "doc_tables.json"
 MARKED = re.compile(
     r"<!-- (?P<file>\S+), table (?P<number>\d+): (?P<command>.+) -->\n\n"

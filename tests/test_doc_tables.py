@@ -1,4 +1,4 @@
-"""The numbers in the tables of README.md and docs/ are those that the commands above them give.
+"""The numbers in the tables of docs/ are those that the commands above them give.
 
 The whole file takes less than a minute of processor time. So commands that take longer are run in
 part, if they have a row for each controller; all else of them is compared with what `make tables`

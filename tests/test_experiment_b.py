@@ -22,7 +22,7 @@ from rcmqp.experiments.study.plan import Law, Study
 from rcmqp.experiments.study.tables import JUMP
 from rcmqp.references.operators import Learning
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+README = (Path(__file__).parents[1] / "docs" / "handbook.md").read_text(encoding="utf-8")
 
 
 def cells_of(text: str) -> list[list[str]]:

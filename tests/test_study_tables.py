@@ -71,7 +71,7 @@ def test_there_is_no_p_value_anywhere(tmp_path: Path) -> None:
     """People who are drawn can be had in any number: p says how many there were."""
     both = [*outcomes("a", 0.0), *outcomes("b", 0.2)]
     text = table(Performed(Study(), tmp_path, both))
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[1] / "docs" / "handbook.md").read_text(encoding="utf-8")
     of_b = readme[readme.index("## Experiment B") : readme.index("## Conventions")]
     for written in (text, of_b):
         assert not re.search(r"Holm|signed-rank|p, rank|\bp [<=]|significan", written)

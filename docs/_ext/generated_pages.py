@@ -149,6 +149,8 @@ def public_names() -> str:
     rows = []
     for name in rcmqp.__all__:
         thing = getattr(rcmqp, name)
+        if not hasattr(thing, "__qualname__"):
+            thing = type(thing)  # a registry
         role = "class" if inspect.isclass(thing) else "func"
         if inspect.isclass(thing) and issubclass(thing, Exception):
             role = "exc"
