@@ -13,7 +13,7 @@ INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
 NODE := node_modules/.package-lock.json
-KERNEL_TESTS := tests/test_compiled.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py
+KERNEL_TESTS := tests/test_compiled.py tests/test_stack.py tests/test_given_rows.py tests/test_rows.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py
 DOCS := $(VENV)/.docs
 
 .PHONY: demo docs pictures gallery tables test test-fast sanitize franka lint types check clean

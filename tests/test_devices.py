@@ -139,5 +139,5 @@ def test_a_device_that_makes_no_sense_is_refused(make: object, message: str) -> 
 
 
 def test_a_handle_that_is_nowhere_is_refused() -> None:
-    with pytest.raises(InvalidCommand, match="six finite numbers"):
+    with pytest.raises(InvalidCommand, match="seven finite numbers"):
         DeviceState((math.nan, 0.0, 0.0))

@@ -11,8 +11,10 @@ from twins import T, cycles, every, insertion_of, twin, usual
 from rcmqp import Insertion, Reference
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.controllers.stack import LevelOfTasks
-from rcmqp.limits import JointLimits, Limit
-from rcmqp.maths.dualquaternion import from_se3
+from rcmqp.errors import OptionError
+from rcmqp.limits import JointLimits, Limit, TrocarDepth
+from rcmqp.limits.base import Constraint
+from rcmqp.maths.dualquaternion import Array, from_se3
 from rcmqp.qp import Hierarchy, HierarchySolution
 from rcmqp.tasks import (
     DepthTask,
@@ -25,7 +27,8 @@ from rcmqp.tasks import (
     TipTask,
     Together,
 )
-from rcmqp.tasks.base import block_of
+from rcmqp.tasks.base import Residual, block_of
+from rcmqp.world.arm import ArmState
 
 ARMS = ("lwa3", "panda", "meka_a2")
 
@@ -201,3 +204,44 @@ def test_an_objectives_velocity_is_asked_for_as_it_is_however_the_arm_moves() ->
             for state, reference in cycles(insertion):
                 found = controller.problem(state, reference)[0][0]
                 assert_allclose(found.b, task.level(state, reference).b, rtol=0, atol=1e-10)
+
+
+class OwnBox(JointLimits):
+    """A box that is narrower than it says."""
+
+    def interval(self, angles: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        return np.full(7, -1e-6), np.full(7, 1e-6)
+
+
+class OwnRows(TrocarDepth):
+    """A limit that checks by itself."""
+
+    def constraint(self, state: ArmState, reference: Reference) -> Constraint:
+        raise AssertionError
+
+
+class OwnError(TipTask):
+    """A task with an error of its own, given in the wrong place."""
+
+    def residual(self, state: ArmState, reference: Reference) -> Residual:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("kind", [OwnBox, OwnRows, OwnError])
+def test_a_method_that_a_step_would_pass_over_is_refused(kind: type) -> None:
+    insertion = insertion_of("panda")
+    levels, limits = usual(insertion)
+    if kind is OwnBox:
+        limits = [OwnBox(insertion.arm, T), *limits[1:]]
+    elif kind is OwnRows:
+        limits = [*limits, OwnRows(insertion.trocar, insertion.tip_depth)]
+    else:
+        levels = [levels[0], OwnError(insertion.tip_depth)]
+    with pytest.raises(OptionError, match=rf"{kind.__name__} has a \w+\(\) of its own, which"):
+        HierarchicalQP(insertion, T, levels=levels, limits=limits)
+
+
+@pytest.mark.parametrize("approach", [-1.0, 2.0, np.nan, np.inf])
+def test_an_approach_that_is_no_share_is_refused(approach: float) -> None:
+    with pytest.raises(OptionError, match=r"approach = .*, it must be from 0 to 1"):
+        HierarchicalQP(insertion_of("panda"), T, approach=approach)

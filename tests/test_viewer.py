@@ -103,7 +103,7 @@ def test_angles_of_continuous_joints_do_not_jump() -> None:
 
 def test_slip_is_the_rcm_error_across_the_shaft(run: Run) -> None:
     off = dataclasses.replace(run, pivot=run.pivot + np.array([0.003, -0.002, 0.001]))
-    found = slip(off)
+    found = slip(off.x, off.pivot)
     assert_allclose(np.linalg.norm(found, axis=1), rcm_error(off.x, off.pivot), atol=1e-12)
     nearest = off.pivot + found
     assert_allclose(rcm_error(off.x, nearest), 0.0, atol=1e-12)

@@ -83,7 +83,7 @@ def test_the_arrow_goes_from_the_trocar_to_the_shaft_as_many_times_as_asked(
     for i, run in enumerate(runs):
         k = moved(run)
         shown.js(f"rcmqp.choose({{main: {i}, magnify: {factor}}}), rcmqp.seek({run.time[k]})")
-        vector = factor * slip(run)[k]
+        vector = factor * slip(run.x, run.pivot)[k]
         length = float(np.linalg.norm(vector))
         assert length > 5e-4
         around = shown.boxes("slip")[i] - run.pivot[k]

@@ -41,9 +41,10 @@ def test_the_scripts_own_tests_pass(node: str, file: Path) -> None:
     assert "# pass 0" not in said
 
 
-def test_the_bundle_is_one_valid_module(node: str, tmp_path: Path) -> None:
-    file = tmp_path / "player.mjs"
-    file.write_text(bundled("player.js", asset), encoding="utf-8")
+@pytest.mark.parametrize("entry", ["player.js", "live.js"])
+def test_the_bundle_is_one_valid_module(node: str, tmp_path: Path, entry: str) -> None:
+    file = tmp_path / "bundle.mjs"
+    file.write_text(bundled(entry, asset), encoding="utf-8")
     code, said = ran(node, "--check", file)  # two modules may not use one name
     assert code == 0, said
 

@@ -19,7 +19,7 @@ import rcmqp
 from rcmqp.cli import app as command_line
 from rcmqp.runs.channels import CHANNELS
 from rcmqp.runs.loading import load_scenario, scenario_module, scenario_names
-from rcmqp.world.loading import arm_names, load_arm
+from rcmqp.world.loading import load_arm
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -120,7 +120,7 @@ def arms_page() -> str:
     parts = ["# Arms", "", "`rcmqp arms` lists them. For a URDF of your own, see"]
     parts += ["[Your own robot](../guides/my_robot.md). Limits that no source gives are"]
     parts += ["assumed, in simulation only, and marked.", ""]
-    for name in arm_names():
+    for name in (each.parent.name for each in sorted(ROBOTS.glob("*/robot.toml"))):
         arm = load_arm(name)
         entry = tomllib.loads((ROBOTS / name / "robot.toml").read_text(encoding="utf-8"))
         columns = (arm.lower, arm.upper, arm.velocity, arm.acceleration, arm.jerk)

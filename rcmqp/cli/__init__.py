@@ -20,6 +20,7 @@ from rcmqp.cli import (
     doctor,
     hands,
     lists,
+    live,
     loopback,
     report,
     reproduce,
@@ -73,7 +74,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _say_and_end(error, str(error))
     except SystemExit as end:
         if end.code in INTERRUPTED:
-            more = "; the same command goes on from here" if "study" in given[:1] else ""
+            more = (
+                "; the same command goes on from here"
+                if given[:1] in (["study"], ["compare"])
+                else ""
+            )
             err.print(f"interrupted{more}", highlight=False)
         raise
     except Exception as error:  # noqa: BLE001  (the last resort: no user sees a traceback)
@@ -137,6 +142,7 @@ for command in (
     calibrate.calibrate,
     reproduce.reproduce,
     loopback.loopback,
+    live.live,
     viewer.view,
     viewer.snapshot,
     viewer.video,

@@ -66,7 +66,10 @@ def doctor(as_json: AsJson = False) -> None:
     else:
         rows = [(each.what, each.state, each.found or "-", each.remedy) for each in findings]
         out.print(Table(("what", "", "found", "to do"), rows, words=4))
-        out.print("rcmqp loopback --minutes 1 shows how punctual this machine is.", style="dim")
+        out.print(
+            "rcmqp loopback --minutes 1 --priority shows how punctual this machine is.",
+            style="dim",
+        )
     if any(each.state == "missing" for each in findings):
         raise typer.Exit(1)
 

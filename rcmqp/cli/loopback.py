@@ -38,7 +38,7 @@ def loopback(
 
       rcmqp loopback --minutes 10 --busy --priority
 
-      rcmqp loopback --out real.h5, and then rcmqp show real.h5, rcmqp view real.h5
+      rcmqp loopback --priority --out real.h5, and then rcmqp show real.h5, rcmqp view real.h5
 
     Prints what the loop and the arm counted: deadlines missed, delays, and where every command
     went. Ends with exit code 1 where the loop stopped before its time, and after Ctrl-C or

@@ -56,43 +56,6 @@ def check_gains(law: object, period: float) -> None:
             )
 
 
-def check_gain(name: str, gain: float, period: float) -> None:
-    """Refuse a gain [1/s] that is unstable at a sampling period [s].
-
-    Raises:
-        OptionError: with the numbers.
-    """
-    if not 0.0 < gain * period < 2.0:
-        raise OptionError(
-            f"{name} * period = {gain} 1/s * {period} s = {gain * period:.3g}; the law is stable "
-            "only inside (0, 2), and without overshoot up to 1: give a positive gain, lower, or "
-            "sample faster"
-        )
-
-
-def check_limit_gain(gain: float, period: float) -> None:
-    """Refuse a gain [1/s] with which a limit would be overrun within a sampling period [s].
-
-    Raises:
-        OptionError: with the numbers.
-    """
-    if not 0.0 < gain * period < 1.0:
-        raise OptionError(
-            f"limit_gain * period = {gain} 1/s * {period} s = {gain * period:.3g}; limits are "
-            "kept only inside (0, 1): give a lower limit_gain, or sample faster"
-        )
-
-
-def check_not_negative(name: str, value: float) -> None:
-    """Refuse what is not a finite number of at least 0.
-
-    Raises:
-        OptionError: with the name and the value.
-    """
-    if not 0.0 <= value < math.inf:
-        raise OptionError(f"{name} = {value}, it must be 0 or more, and finite")
-
-
 def is_usable(state: ArmState, reference: Reference) -> bool:
     """Whether fault() would find nothing, and every array is one that compiled code can read."""
     numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.checks import check_gain, check_limit_gain, check_not_negative
+from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import JOINT_LIMITS, Given
 from rcmqp.controllers.stack import LevelOfTasks, Stack
 from rcmqp.errors import OptionError
 from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth
+from rcmqp.maths.options import at_least, finite, from_to
 from rcmqp.qp import Bounds, Level
 from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
@@ -106,7 +107,7 @@ class HierarchicalQP(Controller):
         objective: its name in OBJECTIVES; empty for the arm's own.
         limit_gain: how fast the trocar's limits may be approached [1/s].
         approach: share of the joints' acceleration and jerk limits that is counted on to stop an
-            error at zero, see Approach; 0 approaches in proportion, and overshoots.
+            error at zero, see kernel/approach.c; 0 approaches in proportion, and overshoots.
         backend: ``active_set``, the hierarchy's own, has the shortest worst step; ``proxqp``,
             ``daqp`` or any solver of qpsolvers propose active sets to it: the answer is the same.
         levels: tasks, the first the most important; only from Python.
@@ -115,12 +116,12 @@ class HierarchicalQP(Controller):
 
     name: ClassVar[str] = "hierarchical_qp"
     feed_forward: ClassVar[bool] = True
-    gain: float = 60.0
-    K_c: float = 7.0
-    c_d: float = 1.0
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    K_c: float = field(default=7.0, metadata=at_least(0.0))
+    c_d: float = field(default=1.0, metadata=finite())
     objective: str = ""
-    limit_gain: float = 60.0
-    approach: float = 0.8
+    limit_gain: float = field(default=60.0, metadata=bounded_gain(below=1.0))
+    approach: float = field(default=0.8, metadata=from_to(0.0, 1.0))
     backend: str = "active_set"
     levels: Sequence[LevelOfTasks] | None = None
     limits: Sequence[Limit] | None = None
@@ -134,9 +135,6 @@ class HierarchicalQP(Controller):
             SolverNotInstalled: the backend's package is missing.
         """
         super().__post_init__()
-        check_gain("gain", self.gain, self.period)
-        check_limit_gain(self.limit_gain, self.period)
-        check_not_negative("K_c", self.K_c)
         if self.levels is not None and not len(self.levels):
             raise OptionError(
                 "levels is empty; give at least one task, or None for the usual ones"

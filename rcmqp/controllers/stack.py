@@ -62,19 +62,15 @@ class Stack:
             numbers: names of what is recorded of a step, four more than there are levels.
 
         Raises:
-            OptionError: a task or a limit of the library is for another number of joints, or a
-                level() would not be asked.
+            OptionError: a task or a limit of the library is for another number of joints, or one
+                has a method of its own that would not be asked.
             UnknownName, SolverNotInstalled: the backend is not known, or its package is missing.
         """
         self.levels, self.limits = tuple(levels), tuple(limits)
         members = [_tasks_of(level) for level in self.levels]
         tasks = [task for level in members for task in level]
-        for asked in (*self.levels, *tasks):
-            if type(asked).level not in (Task.level, Together.level):
-                raise OptionError(
-                    f"{type(asked).__name__} has a level() of its own, which a step does not ask; "
-                    "give it an evaluate()"
-                )
+        for asked in (*self.levels, *tasks, *self.limits):
+            _check_asked(asked)
         for item in (*tasks, *self.limits):
             block = block_of(item)
             if block and block.joints not in (0, arm.nv):
@@ -210,3 +206,24 @@ def _member(task: Task, level: LevelOfTasks) -> tuple[_kernel.Block | None, floa
     """
     gain = 0.0 if isinstance(task, ObjectiveTask) else task.gain
     return block_of(task), gain, 1.0 if task is level else math.sqrt(task.weight)
+
+
+NOT_ASKED = ("level", "residual", "constraint", "interval")
+"""Methods of tasks and limits that a step does not ask: compiled code does the same."""
+
+
+def _check_asked(item: object) -> None:
+    """Refuse a class of a user's with a method that would be passed over.
+
+    Raises:
+        OptionError: it has one.
+    """
+    for cls in type(item).__mro__:
+        if cls.__module__.startswith("rcmqp."):
+            return
+        for name in NOT_ASKED:
+            if name in vars(cls):
+                raise OptionError(
+                    f"{cls.__name__} has a {name}() of its own, which a step does not ask; give "
+                    "it an evaluate()"
+                )

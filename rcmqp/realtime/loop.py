@@ -37,6 +37,9 @@ from rcmqp.realtime.signals import KeptSignals
 from rcmqp.realtime.watchdog import LoopHung, Watchdog
 from rcmqp.references.view import Stamped
 
+BUSY = "the machine may be too busy: leave it a core, and run with real-time priority"
+"""What to do about a loop that is late."""
+
 WARM_UP = 20
 """Steps before the loop, not sent: the first may compile, load or allocate."""
 
@@ -305,7 +308,9 @@ class RealtimeLoop:
         if (hung := self._hung()) is not None:
             raise hung
         if late > self.lateness:
-            raise LoopFault(f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s")
+            raise LoopFault(
+                f"a command was {late:.4g} s late, allowed {self.lateness:.4g} s; {BUSY}"
+            )
         call(self.robot.send, v)
         self.v, self.a = v, (v - self.v) / timing.period
         due, sent = timing.due, timing.now()
@@ -313,7 +318,9 @@ class RealtimeLoop:
         timing.sent()
         self._notes.sent(due, now, sent, (q, v_read), v)
         if held > self.lateness:
-            raise LoopFault(f"send() took until {held:.4g} s, allowed {self.lateness:.4g} s")
+            raise LoopFault(
+                f"send() took until {held:.4g} s, allowed {self.lateness:.4g} s; {BUSY}"
+            )
 
     def _command(self, now: float, q: Array) -> Array:
         """What the controller answers to a reading of q (nq,), not older than ``now`` [s]."""

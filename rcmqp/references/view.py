@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
 from rcmqp.errors import InvalidCommand
+from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 
 
@@ -155,4 +156,21 @@ def view_of_tip(p: Iterable[float], p_dot: Iterable[float], tip_depth: float) ->
         alpha_dot=(pz * vx - px * vz) / h**2,
         beta_dot=(py * h_dot - h * vy) / d**2,
         t_z_dot=(h * h_dot + py * vy) / d,
+    )
+
+
+def view_of_pose(x_rcm: ArrayLike, x: ArrayLike) -> ViewCommand:
+    """The view nearest to a pose: inverse of equation (5), at rest.
+
+    Args:
+        x_rcm: (8,) x_d(0), the effector's pose at the start.
+        x: (8,) the effector's pose now, tilted by less than 90 degrees from it.
+    """
+    rcmMe = dq.to_se3(x_rcm).actInv(dq.to_se3(x))
+    R, axis = rcmMe.rotation, rcmMe.rotation[:, 2]
+    return ViewCommand(
+        alpha=math.atan2(axis[0], axis[2]),
+        beta=-math.asin(max(-1.0, min(1.0, axis[1]))),
+        gamma=math.atan2(R[1, 0], R[1, 1]),
+        t_z=float(rcmMe.translation @ axis),
     )

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from rcmqp.references.hand.clutch import Clutch
 from rcmqp.references.hand.hand_view import HandView
+from rcmqp.references.hand.image_hand import ImageHand
 from rcmqp.references.hand.mapping import HandMapping
 from rcmqp.references.hand.state import DeviceState
+from rcmqp.references.hand.viscous import Viscous
 
-__all__ = ["Clutch", "DeviceState", "HandMapping", "HandView"]
+__all__ = ["Clutch", "DeviceState", "HandMapping", "HandView", "ImageHand", "Viscous"]

@@ -10,11 +10,16 @@ class Clutch:
 
     The first reading is the origin, and a handle that is engaged anew goes on from where the
     camera is: neither makes the view jump.
+
+    Attributes:
+        way: (3,) gone so far [m].
+        counted: whether what the handle did before the last reading counts.
     """
 
     def __init__(self) -> None:
         """Nothing gone yet."""
         self.way: Vector3 = (0.0, 0.0, 0.0)
+        self.counted = False
         self._last: Vector3 | None = None
 
     def step(self, position: Vector3, engaged: bool = True) -> Vector3:
@@ -22,6 +27,7 @@ class Clutch:
 
         What the handle does between two readings counts if it is engaged at both.
         """
+        self.counted = engaged and self._last is not None
         if engaged and self._last is not None:
             (x, y, z), (a, b, c), (u, v, w) = position, self._last, self.way
             self.way = (u + (x - a), v + (y - b), w + (z - c))

@@ -20,6 +20,7 @@ class DeviceState:
         position: (3,) of the handle [m], counted from anywhere.
         velocity: (3,) [m/s].
         engaged: whether the handle drives the camera; without, the camera stays.
+        roll: of the handle about z [rad], counted from anywhere; positive is clockwise.
 
     Raises:
         InvalidCommand: a number is not finite.
@@ -28,8 +29,9 @@ class DeviceState:
     position: Vector3
     velocity: Vector3 = (0.0, 0.0, 0.0)
     engaged: bool = True
+    roll: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what is not a number."""
-        if not all(map(math.isfinite, (*self.position, *self.velocity))):
-            raise InvalidCommand(f"not finite: {self}; a handle needs six finite numbers")
+        if not all(map(math.isfinite, (*self.position, *self.velocity, self.roll))):
+            raise InvalidCommand(f"not finite: {self}; a handle needs seven finite numbers")

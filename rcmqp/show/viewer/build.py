@@ -56,9 +56,9 @@ def page(runs: Sequence[Run], *, dark: bool = False) -> str:
         table=metrics_table(runs, labels).html(marks) + definitions_html(metrics_meanings()),
         versions=html.escape(versions_text(runs)),
         version=html.escape(rcmqp.__version__),
-        meshcat=_library("meshcat", "viewer/dist/main.min.js"),
-        plotly=_library("plotly", "package_data/plotly.min.js"),
-        data=_data(runs, labels, insertion),
+        meshcat=library("meshcat", "viewer/dist/main.min.js"),
+        plotly=library("plotly", "package_data/plotly.min.js"),
+        data=page_data(runs, labels, insertion),
         script=bundled("player.js", asset),
     )
     return framed(title, asset("page.css"), body, dark=dark)
@@ -141,7 +141,17 @@ def grouped(runs: Sequence[Run]) -> list[list[Run]]:
     return groups
 
 
-def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> str:
+def page_data(
+    runs: Sequence[Run], labels: Sequence[str], insertion: Insertion, *, deepest: float = 0.0
+) -> str:
+    """What readRecording() of recording.js takes apart: scene, arm and runs.
+
+    Args:
+        runs: of one scenario.
+        labels: one a run.
+        insertion: of the scenario.
+        deepest: the least depth that the ground lies beyond [m].
+    """
     import pinocchio as pin
 
     from rcmqp.show.viewer.scene import commands, kinematics, surroundings  # meshcat takes long
@@ -150,7 +160,7 @@ def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> s
     flange = insertion.arm.with_effector(pin.SE3.Identity())
     packed, parts = commands(insertion.arm)
     scene = surroundings(runs[0], insertion)
-    scene["deepest"] = max(surroundings(run, insertion)["deepest"] for run in runs)
+    scene["deepest"] = max(deepest, *(surroundings(run, insertion)["deepest"] for run in runs))
     header: dict[str, Any] = {
         "scene": scene,
         "arm": kinematics(flange, insertion.q_start)
@@ -174,7 +184,7 @@ def _data(runs: Sequence[Run], labels: Sequence[str], insertion: Insertion) -> s
 
 
 @functools.cache
-def _library(package: str, inside: str) -> str:
+def library(package: str, inside: str) -> str:
     """A script out of an installed package, which is not imported; compressed."""
     spec = importlib.util.find_spec(package)
     assert spec is not None

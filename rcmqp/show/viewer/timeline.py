@@ -38,17 +38,22 @@ def frames(run: Run) -> dict[str, Array]:
         "tip": run.tip,
         "tip_d": run.tip_d,
         "pivot": run.pivot,
-        "slip": slip(run),
+        "slip": slip(run.x, run.pivot),
         "tip_error": run.tip_error,
         "depth": run.depth,
     }
     return {name: array[rows] for name, array in found.items()}
 
 
-def slip(run: Run) -> Array:
-    """From the trocar to the nearest point of the shaft's axis, (n, 3) in the world [m]."""
-    z = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
-    seen = dq.translation(run.x) - run.pivot
+def slip(x: Array, pivot: Array) -> Array:
+    """From the trocar to the nearest point of the shaft's axis, (..., 3) in the world [m].
+
+    Args:
+        x: (..., 8) the effector's poses.
+        pivot: (..., 3) the trocar [m].
+    """
+    z = dq.rotate(dq.P(x), np.array([0.0, 0.0, 1.0]))
+    seen = dq.translation(x) - pivot
     return np.asarray(seen - np.sum(seen * z, axis=-1, keepdims=True) * z)
 
 

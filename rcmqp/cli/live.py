@@ -1,0 +1,97 @@
+"""rcmqp live: a console in the browser, at the camera."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from rcmqp.cli.console import err, out
+from rcmqp.controllers.settings import options_of
+from rcmqp.errors import ToolMissing
+from rcmqp.runs.loading import load_scenario
+
+LOCAL = "127.0.0.1"
+
+
+def live(
+    scenario: Annotated[
+        str, typer.Argument(help="Name (see rcmqp scenarios), or a .py or .json file.")
+    ] = "camera_task",
+    arm: Annotated[
+        str | None,
+        typer.Option("--arm", "-a", help="Name (see rcmqp arms); the scenario's without it."),
+    ] = None,
+    controller: Annotated[
+        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+    ] = "hierarchical_qp",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="An option of the controller."),
+    ] = None,
+    scale: Annotated[float, typer.Option(help="How far the tip moves, over the hand.")] = 1.0,
+    viscosity: Annotated[
+        float, typer.Option(help="Of the device that the hand feels to hold, in N s/m.")
+    ] = 15.0,
+    file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to record the session into, HDF5.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Interface to listen on; other machines reach any but this one.")
+    ] = LOCAL,
+    port: Annotated[int, typer.Option(help="Port to listen at; any without it.")] = 0,
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Do not open the page in a browser.")
+    ] = False,
+) -> None:
+    """Steer a simulated arm in real time, in a browser, by mouse, touch, keys or gamepad.
+
+    For example,
+
+      rcmqp live
+
+      rcmqp live camera_task --arm panda --out session.h5, and then rcmqp view session.h5
+
+    The arm moves only while you hold on. Ctrl-C ends the session, with the arm at rest, and
+    prints what was counted. Ends with exit code 1 where the loop stopped by itself.
+    """
+    try:
+        from rcmqp.live.console import run_live
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets"):
+            raise
+        raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
+    options = options_of(controller, settings or [])
+    chosen = load_scenario(scenario, arm)
+    if host != LOCAL:
+        err.print(
+            f"[bold yellow]warning:[/] {escape(host)} can be reached from other machines, and "
+            "nothing is encrypted: whoever sees the address can steer",
+            soft_wrap=True,
+            highlight=False,
+        )
+
+    def started(address: str) -> None:
+        out.print(
+            f"{address}\nCtrl-C ends the session", markup=False, highlight=False, soft_wrap=True
+        )
+        if not no_open:
+            webbrowser.open(address)
+
+    report = run_live(
+        chosen,
+        controller,
+        options,
+        scale=scale,
+        viscosity=viscosity,
+        host=host,
+        port=port,
+        out=file,
+        started=started,
+    )
+    out.print(report.text, markup=False, highlight=False, soft_wrap=True)
+    if report.fault:
+        raise typer.Exit(1)

@@ -1,0 +1,223 @@
+"""The process of the loop: the arm, its controller, and the hand that comes from the server.
+
+The server starts it, writes a line of JSON to its stdin, and closes stdin to end it. It writes a
+line of JSON when it is ready, and another one at the end. Hands come, and states go, by a socket
+that it inherits.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import math
+import socket
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from rcmqp.controllers import make_controller
+from rcmqp.errors import RcmqpError
+from rcmqp.live.page_hand import PageHand
+from rcmqp.live.steering import Held, Steering
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.realtime.latency import Latency, LatencyCounter
+from rcmqp.realtime.loop import RealtimeLoop
+from rcmqp.references.governor import tip_distance
+from rcmqp.references.view import Stamped
+from rcmqp.runs.loop_record import LoopRecorder
+from rcmqp.runs.scenario import Scenario
+from rcmqp.show.viewer.timeline import FRAME_RATE, slip
+from rcmqp.world.arm import ArmState
+from rcmqp.world.insertion import Insertion, insertion_depth
+
+LONGEST = 86400.0
+"""A session ends after a day [s]."""
+
+
+LATENESS = 10.0
+"""How late a cycle may be [s]: the simulated arm waits for it."""
+
+
+class SimulatedArm:
+    """Joints that go on by one period with each command.
+
+    So the arm's time is the loop's: on a busy computer it is slower than the clock, which the
+    loop's report counts, and no motion is lost.
+
+    Attributes:
+        sent_at: when the last command came, by the clock [s].
+    """
+
+    def __init__(self, insertion: Insertion, period: float) -> None:
+        """At rest, at the start."""
+        self._arm, self._period = insertion.arm, period
+        self._q, self._v = np.array(insertion.q_start), np.zeros(insertion.arm.nv)
+        self.sent_at = math.nan
+
+    def read(self) -> tuple[Array, Array]:
+        """Configuration q (nq,) and velocity v (nv,)."""
+        return self._q, self._v
+
+    def send(self, v: Array) -> None:
+        """Move at v (nv,) for a period."""
+        self._q = self._arm.integrate(self._q, v, self._period)
+        self._v = np.array(v)
+        self.sent_at = time.monotonic()
+
+
+class Session:
+    """Gives the loop its references, and the pages what the arm does.
+
+    Attributes:
+        steering: makes the references.
+        hand: of the page that steers.
+        input: from an input event to the command that follows it.
+        state: from that command to the state that is sent of it.
+    """
+
+    def __init__(
+        self,
+        insertion: Insertion,
+        robot: SimulatedArm,
+        channel: socket.socket,
+        period: float,
+        hand: dict[str, float],
+    ) -> None:
+        """Begin at rest; ``hand`` has the options of Steering."""
+        self.input, self.state = LatencyCounter(), LatencyCounter()
+        self.hand = PageHand(channel, time.monotonic)
+        self._insertion, self._robot, self._channel = insertion, robot, channel
+        self.steering = Steering(insertion, self.hand, period, **hand)
+        self._time, self._cycle = 0.0, 0
+        self._every = max(1, math.floor(1.0 / (FRAME_RATE * period) + 1e-9))
+        self._followed = self._commanded = math.nan
+
+    def __call__(self, t: float) -> Stamped:
+        """The reference at ``t`` [s]."""
+        if not math.isnan(self._followed):  # its command has left meanwhile
+            self._commanded = self._robot.sent_at
+            self.input.add(self._commanded - self._followed, t)
+        self._time, found = t, self.steering(t)
+        self._followed = self.hand.take_event()
+        return found
+
+    def see(self, state: ArmState) -> None:
+        """Take the state that was measured; every sixtieth of a second, tell the pages."""
+        self.steering.see(state)
+        if self._cycle % self._every == 0:
+            self._tell(state)
+        self._cycle += 1
+
+    def _tell(self, state: ArmState) -> None:
+        insertion, pivot = self._insertion, np.array(self._insertion.trocar.pivot)
+        at = time.monotonic()
+        if not math.isnan(self._commanded):
+            self.state.add(at - self._commanded, self._time)
+            self._commanded = math.nan
+        asked = self.steering.reference
+        words = {
+            "kind": "state",
+            "time": self._time,
+            "at": at,
+            "angles": state.angles.tolist(),
+            "tip": insertion.tip(state.x).tolist(),
+            "tip_d": insertion.tip(asked.x_d).tolist(),
+            "pivot": pivot.tolist(),
+            "slip": slip(state.x, pivot).tolist(),
+            "tip_error": [tip_distance(state, asked, insertion.tip_depth)],
+            "depth": [float(insertion_depth(state.x, pivot, insertion.tip_depth))],
+            "moving": bool(state.v.any()),
+            "stopped": self.hand.stopped,
+        }
+        if self._cycle // self._every % 60 == 0:
+            words["latency"] = self.latency()
+        try:
+            self._channel.send(json.dumps(words).encode())
+        except OSError:  # nobody reads them now
+            pass
+
+    def latency(self) -> dict[str, list[float]]:
+        """Median, p95 and p99 [s]."""
+        return {"input": quantiles(self.input.latency()), "state": quantiles(self.state.latency())}
+
+
+def quantiles(latency: Latency) -> list[float]:
+    """Median, p95 and p99 [s], and how many there were."""
+    return [*(latency.quantile(share) for share in (0.5, 0.95, 0.99)), latency.total]
+
+
+def simulated(scenario: Scenario) -> Insertion:
+    """The scenario's instrument in its trocar, on an arm whose limits count as confirmed."""
+    given = scenario.insertion()
+    return Insertion(
+        given.arm.confirmed(),
+        given.instrument,
+        given.trocar,
+        given.angles_start,
+        tolerance=scenario.shaft_tolerance,
+        obstacles=given.obstacles,
+    )
+
+
+def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
+    """Run the loop until stdin closes or it stops by itself; what the server is told of it.
+
+    Raises:
+        RcmqpError: the loop cannot begin.
+    """
+    scenario = Scenario.from_json(header["scenario"])
+    insertion, period = simulated(scenario), scenario.period
+    controller = make_controller(header["controller"], insertion, period, **header["options"])
+    robot = SimulatedArm(insertion, period)
+    session = Session(insertion, robot, channel, period, header["hand"])
+    record = None
+    if header["out"] is not None:
+        record = LoopRecorder(header["out"], controller, f"live {scenario.name}"[:200])
+    held = Held.by(session.steering, controller)
+    loop = RealtimeLoop(robot, held, session, LONGEST, lateness=LATENESS, record=record)
+
+    def listen() -> None:
+        sys.stdin.read()
+        loop.stop()
+
+    with loop:
+        say(ready=True)
+        threading.Thread(target=listen, daemon=True).start()
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        due = time.perf_counter()
+        while loop.cycle():
+            due = max(due + period, time.perf_counter() - period)
+            time.sleep(max(0.0, due - time.perf_counter()))
+    report = loop.report()
+    stopped = [("grips ended by 100 ms of silence", str(session.hand.stopped))]
+    return {
+        "report": report.as_markdown(),
+        "fault": "" if report.stop.fault == "asked to stop" else report.stop.fault,
+        "latency": session.latency(),
+        "rows": stopped,
+    }
+
+
+def say(**words: Any) -> None:
+    """Tell the server something."""
+    print(json.dumps(words), flush=True)
+
+
+def main() -> None:
+    """Be the loop's process."""
+    header = json.loads(sys.stdin.readline())
+    channel = socket.socket(fileno=header["channel"])
+    channel.setblocking(False)
+    try:
+        say(**run(header, channel))
+    except RcmqpError as error:
+        say(error=str(error))
+
+
+if __name__ == "__main__":
+    main()

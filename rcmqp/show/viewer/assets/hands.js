@@ -1,0 +1,136 @@
+// What hands do at the page, as the way of one handle: x to the right, y down, z into the patient
+// [m], and roll clockwise [rad], in the axes of the picture.
+
+/** How far the hand goes for a drag across the whole picture [m]. */
+const SPAN = 0.08;
+/** For a pinch to twice the distance [m]. */
+const PINCH = 0.03;
+/** For a notch of the wheel, 100 of its units [m]. */
+const NOTCH = 0.004;
+/** Of a held key, or a stick that is pushed to its end [m/s], [rad/s]. */
+const SPEED = [0.03, 0.03, 0.02, 0.6];
+/** A stick nearer to its middle does nothing. */
+const IDLE = 0.12;
+
+/** Keys by what they do: axis of the way, and direction. @type {Record<string, [number, number]>} */
+export const KEYS = {
+  ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 1], ArrowUp: [1, -1],
+  KeyW: [2, 1], KeyS: [2, -1], KeyE: [3, 1], KeyQ: [3, -1],
+};
+
+/** The dead-man of a gamepad: its right shoulder. */
+const SHOULDER = 5;
+
+export class Hand {
+  constructor() {
+    this.way = [0, 0, 0, 0];
+    this.grip = 0; // how often somebody has taken hold
+    /** When the input happened that has not been sent yet [ms]; null for none. @type {number | null} */
+    this.event = null;
+    /** Pointers that are down, where [px]. @type {Map<number, [number, number]>} */
+    this.pointers = new Map();
+    /** Other things that are held: keys, a gamepad. @type {Set<string>} */
+    this.others = new Set();
+    this.blocked = false; // a gamepad's shoulder has to be let go first
+  }
+
+  /** Whether the dead-man is held. */
+  get held() { return this.pointers.size + this.others.size > 0; }
+
+  /** Something is about to be held: the first takes a new grip. */
+  take() {
+    if (!this.held) this.grip += 1;
+  }
+
+  /** Let go of all; what is still down has to be let go and pressed anew. */
+  release() {
+    this.pointers.clear();
+    this.others.clear();
+    this.blocked = true;
+  }
+
+  /** @param {number[]} step (4,) @param {number} at when [ms] */
+  move(step, at) {
+    step.forEach((value, i) => (this.way[i] += value));
+    this.event ??= at;
+  }
+
+  /** @param {number} id @param {[number, number]} place [px] */
+  down(id, place) {
+    this.take();
+    this.pointers.set(id, place);
+  }
+
+  /** @param {number} id */
+  up(id) { this.pointers.delete(id); }
+
+  /**
+   * A pointer that is down has moved. Two of them pinch and twist.
+   *
+   * @param {number} id
+   * @param {[number, number]} place [px]
+   * @param {{size: number, shift: boolean, at: number}} how size of the picture [px]; whether Shift
+   *   makes of a drag depth and roll; when [ms]
+   */
+  drag(id, place, { size, shift, at }) {
+    const before = this.pointers.get(id);
+    if (!before) return;
+    const [x, y] = [place[0] - before[0], place[1] - before[1]];
+    const other = [...this.pointers].find(([each]) => each !== id)?.[1];
+    this.pointers.set(id, place);
+    const scale = SPAN / size;
+    if (other) {
+      const [from, to] = [before, place].map((p) => [p[0] - other[0], p[1] - other[1]]);
+      const [near, far] = [from, to].map(([u, v]) => Math.max(1, Math.hypot(u, v)));
+      const turn = Math.atan2(from[0] * to[1] - from[1] * to[0], from[0] * to[0] + from[1] * to[1]);
+      this.move([(scale * x) / 2, (scale * y) / 2, PINCH * Math.log2(far / near), turn], at);
+    } else if (shift) this.move([0, 0, -scale * y, (2 * Math.PI * x) / (2 * size)], at);
+    else this.move([scale * x, scale * y, 0, 0], at);
+  }
+
+  /** The wheel counts while something is held. @param {number} notches @param {number} at [ms] */
+  wheel(notches, at) {
+    if (this.held) this.move([0, 0, -NOTCH * notches, 0], at);
+  }
+
+  /** @param {string} code of a key that goes down @returns {boolean} whether it is one of ours */
+  press(code) {
+    if (!(code in KEYS)) return false;
+    this.take();
+    this.others.add(code);
+    return true;
+  }
+
+  /** @param {string} code */
+  lift(code) { this.others.delete(code); }
+
+  /**
+   * Read a gamepad: its shoulder holds, the left stick moves, the right one goes in and rolls.
+   *
+   * @param {{axes: readonly number[], buttons: readonly {pressed: boolean}[]} | null} pad
+   * @param {number} passed since the last time [s]
+   * @param {number} at [ms]
+   */
+  read(pad, passed, at) {
+    const pressed = pad?.buttons[SHOULDER]?.pressed ?? false;
+    if (!pressed) {
+      this.blocked = false;
+      this.others.delete("pad");
+      return;
+    }
+    if (this.blocked || !pad) return;
+    this.take();
+    this.others.add("pad");
+    const [x = 0, y = 0, roll = 0, out = 0] = pad.axes;
+    const rates = [x, y, -out, roll].map((value, i) => (Math.abs(value) < IDLE ? 0 : value * SPEED[i]));
+    if (rates.some(Boolean)) this.move(rates.map((rate) => rate * passed), at);
+  }
+
+  /** What held keys do meanwhile. @param {number} passed since the last time [s] @param {number} at [ms] */
+  tick(passed, at) {
+    const step = [0, 0, 0, 0];
+    for (const code of this.others)
+      if (code in KEYS) step[KEYS[code][0]] += KEYS[code][1] * SPEED[KEYS[code][0]] * passed;
+    if (step.some(Boolean)) this.move(step, at);
+  }
+}

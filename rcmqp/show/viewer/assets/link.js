@@ -1,0 +1,85 @@
+// The page's socket to the server: hands go, states come, and both clocks are compared.
+
+/** Ages that are kept until they are told, at most. */
+const UNTOLD = 75;
+/** Answers to pings that the clocks are compared by. */
+const PINGS = 10;
+
+/**
+ * @typedef {import("./sources.js").State & {
+ *   time: number, at: number, moving: boolean, stopped: number, latency?: Record<string, number[]>
+ * }} Live
+ */
+
+export class Link {
+  /**
+   * @param {{state: (state: Live) => void, role: (steers: boolean) => void, free: () => void, ended: (why: string) => void}} listener
+   */
+  constructor(listener) {
+    this.number = 0;
+    /** Ages of states when they were drawn [ms], not told yet. @type {number[]} */
+    this.drawn = [];
+    /** Of pings: how long there and back, and how far the server's clock is ahead [ms]. @type {[number, number][]} */
+    this.pings = [];
+    this.socket = new WebSocket(`ws://${location.host}/hand${location.search}`);
+    this.socket.addEventListener("open", () => {
+      this.ping();
+      this.take();
+    });
+    this.socket.addEventListener("close", () => listener.ended("the connection is lost; the arm is at rest"));
+    this.socket.addEventListener("message", ({ data }) => {
+      const said = JSON.parse(data);
+      if (said.kind === "state") listener.state(said);
+      else if (said.kind === "pong") this.compare(said);
+      else if (said.kind === "role") listener.role(said.steers);
+      else if (said.kind === "free") listener.free();
+      else if (said.kind === "ended") listener.ended(`the loop has ended: ${said.why}`);
+    });
+    setInterval(() => this.ping(), 1000);
+  }
+
+  get open() { return this.socket.readyState === WebSocket.OPEN; }
+
+  /** How far the server's clock is ahead of the page's [ms]; null before it is known. */
+  get ahead() {
+    if (!this.pings.length) return null;
+    return this.pings.reduce((a, b) => (b[0] < a[0] ? b : a))[1];
+  }
+
+  /** The server's time [s] of the page's [ms]. @param {number} at */
+  seconds(at) { return (at + (this.ahead ?? 0)) / 1000; }
+
+  /** @param {object} words */
+  send(words) {
+    if (this.open) this.socket.send(JSON.stringify(words));
+  }
+
+  ping() { this.send({ kind: "ping", at: performance.now(), drawn: this.drawn.splice(0) }); }
+
+  take() { this.send({ kind: "take" }); }
+
+  /** @param {{at: number, now: number}} pong */
+  compare({ at, now }) {
+    const came = performance.now();
+    this.pings = [...this.pings.slice(1 - PINGS), [came - at, 1000 * now - (at + came) / 2]];
+  }
+
+  /** @param {import("./hands.js").Hand} hand */
+  tell(hand) {
+    if (this.ahead === null) return;
+    this.number += 1;
+    const event = hand.event === null ? null : this.seconds(hand.event);
+    hand.event = null;
+    this.send({
+      kind: "hand", number: this.number, grip: hand.grip, held: hand.held,
+      at: this.seconds(performance.now()), event, way: hand.way,
+    });
+  }
+
+  /** A state has been drawn. @param {Live} state @returns {number} its age [ms] */
+  saw({ at }) {
+    const age = 1000 * (this.seconds(performance.now()) - at);
+    if (this.ahead !== null && this.drawn.length < UNTOLD) this.drawn.push(age);
+    return age;
+  }
+}

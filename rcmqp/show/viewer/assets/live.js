@@ -1,0 +1,245 @@
+// The live console: the picture of an arm that moves now, and the hand that steers it.
+
+import "./failures.js";
+import { unpacked } from "./packed.js";
+import { query } from "./elements.js";
+import { depth } from "./format.js";
+import { Hand } from "./hands.js";
+import { Link } from "./link.js";
+import { readRecording } from "./recording.js";
+import { LiveSource } from "./sources.js";
+import { Stage } from "./stage.js";
+
+/** How often a held hand is told of [ms]. */
+const EVERY = 16;
+/** Least time from one message to the next [ms]. */
+const LEAST = 4;
+/** Pictures in light mode: time from one to the next, at least [ms]. */
+const LIGHT = 66;
+/** Numbers are written so often [ms]. */
+const READ = 100;
+/** An arm whose joints turn less from one picture to the next stands still [rad]. */
+const AT_REST = 1e-6;
+/** Ages of pictures that the page's own quantiles are of. */
+const AGES = 600;
+
+const { scene, arm, runs: [first] } = readRecording(await unpacked("data-gz"));
+const source = new LiveSource(arm.joints.length);
+source.push(-1, first.source.at(0)); // the arm before the loop begins
+const picture = query(document, "#scope");
+const stage = new Stage(query(document, "#scene"), picture, { scene, arm, runs: [{ ...first, source }] });
+const hand = new Hand();
+const page = { steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false };
+/** @type {import("./link.js").Live | null} */
+let newest = null;
+let drawn = { time: -1, at: 0, wrote: 0, angles: first.source.at(0).angles };
+/** @type {number[]} */
+const ages = [];
+
+const link = new Link({
+  state(state) {
+    if (!source.push(state.time, state)) return;
+    if (hand.held && state.stopped > page.stopped) page.silent = true;
+    page.stopped = state.stopped;
+    newest = state;
+    if (state.latency) writeLatency(state.latency);
+  },
+  role(steers) {
+    Object.assign(page, { steers, free: false });
+    write();
+  },
+  free() {
+    page.free = true;
+    write();
+  },
+  ended(why) {
+    page.ended ||= why;
+    hand.release();
+    write();
+  },
+});
+
+/** Tell the server of the hand now, and that it has let go without fail. */
+function tell() {
+  const held = hand.held;
+  if (!page.steers || (!held && !page.sent)) return;
+  page.told = performance.now();
+  page.sent = held;
+  link.tell(hand);
+}
+
+/** After an input: at once, but for one that follows on the last message. */
+function changed() {
+  if (performance.now() - page.told >= LEAST || !hand.held) tell();
+  write();
+}
+
+function release() {
+  hand.release();
+  changed();
+}
+
+/** @param {number[]} times [s] or [ms], median, p95, p99 @param {number} to milliseconds */
+function quantiles(times, to) {
+  return times.slice(0, 3).map((time) => (to * time).toFixed(1)).join(" / ");
+}
+
+/** A length, as fine as it matters. @param {number} x [m] */
+const short = (x) => (x < 1e-6 ? "<0.001 mm" : `${(1e3 * x).toFixed(3)} mm`);
+
+/** @param {Record<string, number[]>} latency */
+function writeLatency({ input, state }) {
+  const sorted = [...ages].sort((a, b) => a - b);
+  const rows = { "event-command": input, "command-state": state };
+  for (const [id, times] of Object.entries(rows))
+    query(document, `#${id}`).textContent = times[3] ? quantiles(times, 1000) : "\u2013";
+  if (sorted.length)
+    query(document, "#state-picture").textContent = quantiles([0.5, 0.95, 0.99].map((p) => sorted[Math.floor(p * sorted.length)]), 1);
+}
+
+/** What the operator has to know, and the errors. */
+function write() {
+  const held = hand.held;
+  if (!held) page.silent = false;
+  /** @type {[string, string]} */
+  const said =
+    page.ended ? ["ended", page.ended] :
+    !page.steers ? ["watch", page.free ? "nobody steers" : "somebody else steers; you watch"] :
+    page.silent ? ["stopped", "stopped after 100 ms of silence: hold again"] :
+    held ? ["held", "you hold the camera"] :
+    ["rest", newest?.moving ? "coming to rest" : "at rest: hold the picture and drag"];
+  document.body.dataset.said = said[0];
+  query(document, "#said").textContent = said[1];
+  query(document, "#take").hidden = page.steers || page.ended !== "" || !page.free;
+  if (!newest) return;
+  query(document, "#rcm").textContent = short(Math.hypot(...Array.from(newest.slip)));
+  query(document, "#depth").textContent = depth(newest.depth[0]);
+  query(document, "#lag").textContent = short(newest.tip_error[0]);
+  query(document, "#time").textContent = `${newest.time.toFixed(1)} s`;
+}
+
+/** @param {PointerEvent} event @returns {[number, number]} */
+const spot = (event) => [event.clientX, event.clientY];
+
+picture.addEventListener("pointerdown", (event) => {
+  if (!page.steers || page.ended || (event.pointerType === "mouse" && event.button !== 0)) return;
+  picture.setPointerCapture(event.pointerId);
+  hand.down(event.pointerId, spot(event));
+  changed();
+});
+picture.addEventListener("pointermove", (event) => {
+  const how = { size: picture.clientWidth, shift: event.shiftKey, at: event.timeStamp };
+  hand.drag(event.pointerId, spot(event), how);
+  if (hand.event !== null) changed();
+});
+for (const kind of /** @type {const} */ (["pointerup", "pointercancel", "lostpointercapture"]))
+  picture.addEventListener(kind, (event) => {
+    if (!hand.pointers.has(event.pointerId)) return;
+    hand.up(event.pointerId);
+    changed();
+  });
+picture.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  hand.wheel(Math.sign(event.deltaY) * Math.min(1, Math.abs(event.deltaY) / 100), event.timeStamp);
+  if (hand.event !== null) changed();
+}, { passive: false });
+picture.addEventListener("contextmenu", (event) => event.preventDefault());
+window.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || !page.steers || page.ended) return;
+  if (event.repeat) {
+    if (hand.others.has(event.code)) event.preventDefault();
+  } else if (hand.press(event.code)) {
+    event.preventDefault();
+    changed();
+  }
+});
+window.addEventListener("keyup", ({ code }) => {
+  hand.lift(code);
+  changed();
+});
+window.addEventListener("blur", release);
+window.addEventListener("pagehide", release);
+document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });
+
+let last = performance.now();
+setInterval(() => {
+  const now = performance.now();
+  const passed = Math.min(0.1, (now - last) / 1000);
+  last = now;
+  if (page.steers && !page.ended) hand.read(navigator.getGamepads().find(Boolean) ?? null, passed, now);
+  hand.tick(passed, now);
+  if (now - page.told >= EVERY - 1) tell();
+}, EVERY);
+
+/** Without a graphics card: coarser, without shadows. @param {boolean} on */
+function light(on) {
+  page.light = on;
+  stage.viewer.renderer.shadowMap.enabled = !on;
+  for (const renderer of [stage.viewer.renderer, stage.scope]) renderer.setPixelRatio(on ? 0.6 : window.devicePixelRatio);
+  query(document, "#light").setAttribute("aria-pressed", String(on));
+  stage.size = ""; // fit again
+  stage.resize();
+}
+
+/** @param {boolean} on */
+function showScene(on) {
+  query(document, "#scene").hidden = !on;
+  query(document, "#show").setAttribute("aria-pressed", String(on));
+  stage.resize();
+}
+
+/** Whether pictures are drawn without a graphics card. */
+function isSoftware() {
+  const gl = stage.scope.getContext();
+  const known = gl.getExtension("WEBGL_debug_renderer_info");
+  return known !== null && /swiftshader|llvmpipe|software/i.test(gl.getParameter(known.UNMASKED_RENDERER_WEBGL));
+}
+
+query(document, "#light").addEventListener("click", () => light(!page.light));
+query(document, "#show").addEventListener("click", () => showScene(query(document, "#scene").hidden !== false));
+query(document, "#take").addEventListener("click", () => link.take());
+for (const button of document.querySelectorAll("button")) button.addEventListener("click", () => button.blur());
+
+/** Draw the newest state, if the arm has moved. @param {number} now [ms] */
+function draw(now) {
+  requestAnimationFrame(draw);
+  if (now - drawn.wrote > READ) {
+    drawn.wrote = now;
+    write();
+  }
+  if (page.light && now - drawn.at < LIGHT) return;
+  const { angles } = drawn;
+  if (newest && newest.time !== drawn.time && Array.from(newest.angles).some((angle, i) => Math.abs(angle - angles[i]) > AT_REST)) {
+    drawn = { ...drawn, time: newest.time, at: now, angles: newest.angles };
+    stage.seek(source.newest);
+    stage.render();
+    ages.push(link.saw(newest));
+    if (ages.length > AGES) ages.shift();
+  } else stage.render();
+}
+
+stage.paint();
+stage.choose({ close: true });
+light(isSoftware());
+showScene(!page.light && window.innerWidth > 900);
+stage.seek(source.newest);
+query(document, "#wait").remove();
+write();
+requestAnimationFrame(draw);
+
+window.rcmqp = {
+  get newest() { return newest; },
+  get steers() { return page.steers; },
+  get way() { return hand.way; },
+  get clock() { return link.ahead; },
+  get said() { return query(document, "#said").textContent; },
+  /** Where a point stands in the endoscope's picture, from its middle, right and down. @param {number[]} point [m] */
+  seen(point) {
+    stage.seek(source.newest);
+    const { camera } = stage.arms[0];
+    camera.updateWorldMatrix(true, false);
+    const at = camera.position.clone().fromArray(point).project(camera);
+    return [at.x, -at.y];
+  },
+};
+document.documentElement.dataset.ready = "";

@@ -1,0 +1,269 @@
+"""rcmqp live as a whole: its processes, and its page in a real Chromium."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import websockets
+
+import rcmqp
+from rcmqp import Run, compute_metrics
+from rcmqp.cli import main
+from rcmqp.live.steering import RELEASED
+from rcmqp.realtime.checks import SLACK
+from rcmqp.show.viewer.browser import PATIENCE, browser
+from rcmqp.show.viewer.build import write_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+ARM = "panda"
+
+
+@contextlib.contextmanager
+def console(file: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """``rcmqp live`` and the address of its page."""
+    command = ["-m", "rcmqp", "live", "--arm", ARM, "--no-open", "--out", str(file)]
+    with subprocess.Popen(
+        [sys.executable, *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    ) as process:
+        try:
+            assert process.stdout is not None
+            address = process.stdout.readline().strip()
+            assert address.startswith("http://127.0.0.1:"), address + process.stdout.read()
+            yield process, address
+        finally:
+            process.kill()
+
+
+def until(true: Callable[[], Any], what: str) -> Any:
+    """Wait, on a machine that may be busy."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if found := true():
+            return found
+        time.sleep(0.05)
+    pytest.fail(f"waited for {PATIENCE:g} s: {what}")
+
+
+def came_to_rest_as_it_must(file: Path, *, moved: float) -> Run:
+    """What was recorded: the tip moved [m], the shaft on the trocar, limits kept, then rest."""
+    run = Run.load(file)
+    arm = rcmqp.load_arm(ARM)
+    v = np.vstack([np.zeros((2, arm.nv)), run.v])
+    a = np.diff(v, axis=0) / run.period
+    assert (np.abs(run.v) <= (1.0 + SLACK) * arm.velocity).all()
+    assert (np.abs(a) <= (1.0 + SLACK) * arm.acceleration).all()
+    assert (np.abs(np.diff(a, axis=0) / run.period) <= (1.0 + SLACK) * arm.jerk).all()
+    assert run.rcm_error.max() <= 1e-5
+    assert np.linalg.norm(run.tip - run.tip[0], axis=1).max() > moved
+    assert not run.v[-1].any()
+    assert compute_metrics(run).rcm_max_mm <= 0.01
+    return run
+
+
+def cycles_of(reason: str, run: Run) -> set[int]:
+    """Cycles of the safe stops for a reason."""
+    return {k for why, cycles in run.stops.items() if reason in why for k in cycles}
+
+
+def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
+    tmp_path: Path,
+) -> None:
+    """A client drags without end; the server is killed while the arm moves."""
+    file = tmp_path / "run.h5"
+
+    async def drag(address: str, kill: Callable[[], None]) -> None:
+        name = address.removeprefix("http://")
+        origin = websockets.Origin(f"http://{name.partition('/')[0]}")
+        host, _, query = name.partition("/")
+        async with websockets.connect(f"ws://{host}/hand{query}", origin=origin) as page:
+            await page.send('{"kind": "take"}')
+            number, began, moving = 0, time.monotonic(), 0
+            while moving < 20:
+                now = time.monotonic()
+                assert now - began < PATIENCE
+                if number % 60 == 0:
+                    grip = number  # a busy machine may have been silent for too long
+                number += 1
+                way = [0.05 * np.sin(2.0 * (now - began)), 0.0, 0.0, 0.0]
+                words = {"number": number, "grip": grip, "held": True, "event": now}
+                await page.send(json.dumps({"kind": "hand", "at": now, "way": way, **words}))
+                with contextlib.suppress(TimeoutError):
+                    said = json.loads(await asyncio.wait_for(page.recv(), 0.016))
+                    moving += said.get("moving", False)
+            kill()
+
+    with console(file) as (process, address):
+        with contextlib.suppress(websockets.ConnectionClosed):
+            asyncio.run(drag(address, process.kill))
+        until(file.exists, "the file of the session whose server was killed")
+    run = came_to_rest_as_it_must(file, moved=1e-3)
+    began = min(cycles_of("asked to stop", run))
+    assert np.abs(run.v[began - 1]).max() > 1e-3  # it was moving
+
+
+def drag(page: Page, dx: float, dy: float) -> None:
+    """Press, go by (dx, dy) [px] in small steps, and let go."""
+    box = page.locator("#scope").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k in range(1, 21):
+        page.mouse.move(x + k / 20 * dx, y + k / 20 * dy)
+        time.sleep(0.01)
+    time.sleep(0.1)
+    page.mouse.up()
+
+
+def opened(window: Any, address: str) -> tuple[Page, list[str]]:
+    page: Page = window.new_page()
+    said: list[str] = []
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(address)
+    page.wait_for_selector("html[data-ready]", state="attached", timeout=1e3 * PATIENCE)
+    page.wait_for_function("rcmqp.newest && rcmqp.clock !== null", timeout=1e3 * PATIENCE)
+    return page, said
+
+
+def at_rest(page: Page) -> bool:
+    """Whether the arm rests; fails where the loop has ended, which says nothing any more."""
+    assert "ended" not in page.evaluate("rcmqp.said"), page.evaluate("rcmqp.said")
+    return not page.evaluate("rcmqp.newest.moving")
+
+
+def tip(page: Page) -> Any:
+    return np.array(page.evaluate("rcmqp.newest.tip"))
+
+
+def test_a_page_steers_and_when_it_is_closed_in_mid_motion_the_arm_rests(tmp_path: Path) -> None:
+    file = tmp_path / "run.h5"
+    with console(file) as (process, address), browser() as chromium:
+        window = chromium.new_context(viewport={"width": 400, "height": 700})
+        watcher, watched = opened(
+            chromium.new_context(viewport={"width": 60, "height": 60}), address
+        )
+        page, said = opened(window, address)
+        assert watcher.evaluate("rcmqp.steers")  # it came first
+        assert page.evaluate("rcmqp.said") == "somebody else steers; you watch"
+        before = tip(page)
+        drag(page, 80, 0)
+        page.keyboard.press("ArrowRight", delay=200)
+        assert np.linalg.norm(tip(page) - before) < 1e-9
+        watcher.close()
+        page.locator("#take").click(timeout=1e3 * PATIENCE)
+        until(lambda: page.evaluate("rcmqp.steers"), "the right to steer")
+        point = (before - np.array([0.0, 0.0, 0.05])).tolist()
+        there = page.evaluate("point => rcmqp.seen(point)", point)
+        box = page.locator("#scope").bounding_box()
+        assert box is not None
+
+        def dragged() -> bool:
+            drag(page, box["width"] / 3, 0.0)
+            return bool(np.linalg.norm(tip(page) - before) > 5e-3)
+
+        until(dragged, "the arm to follow the pointer")
+        until(lambda: at_rest(page), "the arm to come to rest")
+        moved = np.subtract(page.evaluate("point => rcmqp.seen(point)", point), there)
+        assert moved[0] < 0.0  # the picture's content went to the left
+        assert abs(moved[1]) < 0.1 * abs(moved[0])
+        page.mouse.down()
+        page.evaluate("window.dispatchEvent(new Event('blur'))")  # the focus is lost
+        before = tip(page)
+        for k in range(20):
+            page.mouse.move(box["x"] + 10.0 * k, box["y"] + box["height"] / 2)
+        time.sleep(0.3)
+        assert page.evaluate("rcmqp.said").startswith("at rest")
+        assert np.linalg.norm(tip(page) - before) < 1e-4
+        page.mouse.up()
+
+        def keyed() -> bool:
+            page.keyboard.down("ArrowUp")
+            time.sleep(0.3)
+            moving = page.evaluate("rcmqp.newest.moving")
+            if moving and np.linalg.norm(tip(page) - before) > 2e-3:
+                return True
+            page.keyboard.up("ArrowUp")
+            time.sleep(0.2)
+            return False
+
+        until(keyed, "the arm to follow a key")
+        page.close()
+        assert [*said, *watched] == []
+        time.sleep(1.0)
+        last, errors = opened(window, address)
+        until(lambda: last.evaluate("rcmqp.steers"), "the right to steer after the page is gone")
+        until(lambda: at_rest(last), "the arm to rest")
+        assert errors == []
+        process.send_signal(signal.SIGINT)
+        assert process.stdout is not None
+        report = process.stdout.read()
+        assert process.wait(PATIENCE) == 0, report
+    for line in ("input event to command", "command to state", "state to picture"):
+        assert f"| {line} |" in report
+    run = came_to_rest_as_it_must(file, moved=5e-3)
+    asked, released = cycles_of("asked to stop", run), cycles_of(RELEASED, run)
+    assert not run.v[min(asked) - 1].any()  # of Ctrl-C, long after the page was closed
+    let_go = max(k for k in released if k - 1 not in released)
+    assert np.abs(run.v[let_go - 1]).max() > 1e-3  # the page was closed in mid-motion
+    rest = let_go + np.flatnonzero(~run.v[let_go:].any(axis=1))[0]
+    assert rest - let_go < 300
+    assert not run.v[rest:].any()
+    write_page([run], tmp_path / "page.html")
+
+
+def test_without_the_extra_it_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("rcmqp.live.console", "rcmqp.live.server"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    with pytest.raises(SystemExit) as ended:
+        main(["live"])
+    assert ended.value.code == 1
+    assert "pip install 'rcmqp[live]'" in capsys.readouterr().err
+
+
+def test_another_interface_is_warned_about_and_a_taken_port_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("0.0.0.0", 0))
+        taken.listen()
+        with pytest.raises(SystemExit):
+            main(["live", "--no-open", "--host", "0.0.0.0", "--port", str(taken.getsockname()[1])])
+    said = capsys.readouterr().err
+    assert "warning: 0.0.0.0 can be reached from other machines" in said
+    assert "cannot listen at 0.0.0.0" in said
+
+
+@pytest.mark.parametrize(("option", "said"), [("--scale", "scale = 0.0"), ("--viscosity", "-1")])
+def test_what_the_loop_cannot_begin_with_is_said(
+    option: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    value = "0" if option == "--scale" else "-1"
+    with pytest.raises(SystemExit) as ended:
+        main(["live", "--no-open", option, value])
+    assert ended.value.code == 1
+    text = capsys.readouterr().err
+    assert text.startswith("error: the loop cannot begin")
+    assert said in text
