@@ -146,7 +146,7 @@ class LoopRecorder:
             obstacles=insertion.obstacles,
         )
         about = {**SAFE_STOP, **TIMES, **controller.diagnostics}
-        self._header = {
+        self._header: dict[str, Any] = {
             "path": str(self._path.resolve()),
             "scenario": scenario.to_json(),
             "urdf_sha256": insertion.arm.sha256,
