@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import importlib.util
 import os
 import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from rcmqp.experiments.compare import Case, arm_and_flange, cases, compare
 from rcmqp.experiments.kept import kept_run
 from rcmqp.runs.simulate import simulate as simulate_whole
 from rcmqp.show.tables import TIMES, Row
+from rcmqp.world import plugins
 
 SHORT = cases(
     ["conical_helix"],
@@ -173,6 +176,48 @@ def test_a_controller_of_ones_own_goes_to_other_processes(
     monkeypatch.setitem(CONTROLLERS, "mine", Mine)
     todo = [Case("conical_helix", arm, "mine", {"duration": 0.05}) for arm in ("ur5", "panda")]
     assert [row.failure for row in compare(todo, tmp_path, jobs=2)] == ["", ""]
+
+
+def test_a_broken_plug_in_is_a_row_that_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    point = EntryPoint("broken", "no_such_module:Broken", CONTROLLERS.group)
+    known = plugins.points
+    monkeypatch.setattr(
+        plugins,
+        "points",
+        lambda group: {**known(group), **({"broken": (point,)} if group == point.group else {})},
+    )
+    todo = [Case("conical_helix", "ur5", law, {"duration": 0.05}) for law in ("broken", "damped")]
+    broken, other = compare(todo, tmp_path)
+    assert broken.failure.startswith("PluginError: 'broken' in rcmqp.controllers")
+    assert "no_such_module" in broken.failure
+    assert not other.failure
+
+
+def test_a_changed_base_class_in_a_file_of_ones_own_counts(tmp_path: Path) -> None:
+    """A run is kept only if the files of all the controller's classes are older."""
+    base = tmp_path / "own_base.py"
+    base.write_text(
+        "from rcmqp.controllers.damped import Damped\nclass OwnBase(Damped):\n    pass\n"
+    )
+    spec = importlib.util.spec_from_file_location("own_base", base)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["own_base"] = module
+    try:
+        spec.loader.exec_module(module)
+        kind = type("Derived", (module.OwnBase,), {"__module__": __name__})
+        scenario = SHORT[0].made()
+        controller = kind(scenario.insertion(), scenario.period)
+        file = tmp_path / "run.h5"
+        simulate_whole(scenario, controller).save(file)
+        assert kept_run(file, scenario, controller) is not None
+        os.utime(base, (file.stat().st_mtime + 1.0,) * 2)
+        assert kept_run(file, scenario, controller) is None
+    finally:
+        del sys.modules["own_base"]
 
 
 def test_tables_are_written_as_rows_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

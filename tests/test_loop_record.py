@@ -21,7 +21,7 @@ import rcmqp
 from rcmqp import Run, compute_metrics
 from rcmqp.cli import main
 from rcmqp.controllers import Controller
-from rcmqp.errors import RunFileError
+from rcmqp.errors import OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.checks import LoopFault
 from rcmqp.realtime.loopback import run_loopback
@@ -223,6 +223,36 @@ def test_what_cannot_be_recorded_is_refused_before_anything_moves(
     with pytest.raises(LoopFault, match="moves before the loop begins"):
         run(moving, controller, LoopRecorder(tmp_path / "run.h5", controller), 10)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("weight", [np.ones(2), np.int64(3)])
+def test_an_option_that_no_file_holds_is_named_before_a_process_starts(
+    weight: object, insertion: rcmqp.Insertion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @dataclass(frozen=True, eq=False)
+    class Weighted(rcmqp.controllers.DualQuaternion):
+        weight: object = None
+
+    monkeypatch.setattr(subprocess, "Popen", None)
+    law, robot = Weighted(insertion, T, weight=weight), Joints(insertion)
+    record = LoopRecorder(tmp_path / "run.h5", law)
+    with pytest.raises(OptionError, match=r"^weight = .*, of type \w+, cannot be kept"):
+        run(robot, law, record, 10)
+    assert not robot.sent
+
+
+def test_a_recorder_is_not_used_twice(
+    insertion: rcmqp.Insertion,
+    controller: Controller,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record, again = LoopRecorder(tmp_path / "run.h5", controller), Joints(insertion)
+    run(Joints(insertion), controller, record, 10)
+    monkeypatch.setattr(subprocess, "Popen", None)
+    with pytest.raises(OptionError, match=r"run\.h5: a LoopRecorder records one loop; make"):
+        run(again, controller, record, 10)
+    assert not again.sent
 
 
 # Disks and processes -----------------------------------------------------------------------

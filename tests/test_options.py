@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 import dataclasses
 import importlib
+import json
 import math
 import pickle
 import pkgutil
 import sys
 from dataclasses import dataclass, field
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +134,9 @@ def test_rules_refuse_what_they_must(metadata: Metadata, good: list[Any], bad: l
 
 def test_rules_make_plain_values() -> None:
     assert type(whole(0)["rule"]("n", 3.0)) is int
+    for value in (2, np.int64(2), 2.0, np.float32(2.0), np.float64(2.0)):  # as JSON takes them
+        kept = positive()["rule"]("x", value)
+        assert json.dumps(kept) == ("2" if isinstance(value, Integral) else "2.0")
     assert part(Unchecked)["rule"]("load", {"mass": 2.0}) == Unchecked(2.0)
     with pytest.raises(UnknownName, match="unknown colour 'gren'; did you mean green"):
         one_of("colour", ("red", "green"))["rule"]("paint", "gren")

@@ -14,7 +14,7 @@ from typing import Any
 
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.controllers.settings import controller_of
-from rcmqp.errors import OptionError, RunFileError
+from rcmqp.errors import OptionError, PluginError, RunFileError
 from rcmqp.experiments.batch import batch, check_jobs
 from rcmqp.experiments.kept import kept_run
 from rcmqp.files import check_writable, make_folder, unlike, whole
@@ -147,10 +147,7 @@ def compare(
     stems, files = _names(todo)
     found: dict[int, Row] = {}
     kept, written = 0, -math.inf
-    work = [
-        (case, folder / file, CONTROLLERS.get(case.law))
-        for case, file in zip(todo, files, strict=True)
-    ]
+    work = [(case, folder / file, _kind(case.law)) for case, file in zip(todo, files, strict=True)]
     for number, (row, was_kept) in batch(run_case, work, jobs=jobs):
         found[number] = row
         kept += was_kept
@@ -210,6 +207,14 @@ def run_case(case: Case, file: Path, kind: type[Controller] | None = None) -> tu
         failure = f"{type(error).__name__}: {error}"
         row = Row(case.name, case.arm or "", case.law, case.controller, failure=failure)
         return row, False
+
+
+def _kind(law: str) -> type[Controller] | None:
+    """The class of a controller; None if there is none to use, which run_case() finds again."""
+    try:
+        return CONTROLLERS.get(law)
+    except PluginError:
+        return None
 
 
 def _write(folder: Path, rows: Sequence[Row], count: int) -> None:

@@ -18,8 +18,9 @@ def kept_run(file: Path, scenario: Scenario, controller: Controller) -> Run | No
     """The run in a file, if simulating it again would give the same one; else None.
 
     It is the same if scenario, controller, options, URDF and versions are, and if no code of
-    rcmqp, of the controller, the path, the plant or the motion has changed since. Code that these
-    classes call elsewhere does not count: after a change of it, give another folder.
+    rcmqp, of the controller, the path, the plant or the motion has changed since; their base
+    classes count too. Code that these classes call elsewhere does not count, nor does a change
+    before the end of the run that its process did not load: after either, give another folder.
 
     Args:
         file: of the run; it may be missing or damaged.
@@ -40,9 +41,18 @@ def kept_run(file: Path, scenario: Scenario, controller: Controller) -> Run | No
         versions(),
     ) or _plain(head.options) != _plain(controller.options):
         return None
-    parts = (controller, scenario.path, scenario.plant, scenario.motion)
-    changed = max(_own_code(), *(_code(type(part)) for part in parts))
+    changed = max([_own_code(), *map(_code, classes_outside(controller, scenario))])
     return run if changed < file.stat().st_mtime else None
+
+
+def classes_outside(controller: Controller, scenario: Scenario) -> list[type]:
+    """Classes of controller, path, motion and plant, and their bases, that are not rcmqp's own."""
+    return [
+        kind
+        for part in (controller, scenario.path, scenario.motion, scenario.plant)
+        for kind in type(part).__mro__
+        if kind.__module__.partition(".")[0] not in ("rcmqp", "abc", "builtins", "typing")
+    ]
 
 
 def _plain(options: object) -> str:

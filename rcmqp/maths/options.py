@@ -17,7 +17,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Collection, Mapping
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, TypeAlias, TypeVar
 
 from rcmqp.errors import OptionError, UnknownName
@@ -164,10 +164,10 @@ def or_none(metadata: Metadata) -> Metadata:
 
 
 def _number(allowed: str, holds: Callable[[float], bool], unit: str) -> Metadata:
-    def take(name: str, value: Any) -> Any:
+    def take(name: str, value: Any) -> int | float:  # NumPy's own numbers cannot go into JSON
         if not holds(_real(value)):
             raise refused(name, value, allowed, unit)
-        return value
+        return int(value) if isinstance(value, Integral) else float(value)
 
     return rule(take)
 

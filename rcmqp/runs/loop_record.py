@@ -17,7 +17,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from rcmqp.controllers.base import SAFE_STOP, Controller
-from rcmqp.errors import RunFileError
+from rcmqp.errors import OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import Foreign
 from rcmqp.runs.head import check_replaceable
@@ -146,7 +146,7 @@ class LoopRecorder:
             obstacles=insertion.obstacles,
         )
         about = {**SAFE_STOP, **TIMES, **controller.diagnostics}
-        self._header = {
+        self._header: dict[str, Any] = {
             "path": str(self._path.resolve()),
             "scenario": scenario.to_json(),
             "urdf_sha256": insertion.arm.sha256,
@@ -167,8 +167,13 @@ class LoopRecorder:
         """Start the process that writes, and wait until it can.
 
         Raises:
-            RunFileError: it cannot.
+            OptionError: the recorder was started before, or a file cannot hold an option of the
+                controller.
+            RunFileError: the process cannot write.
         """
+        if self._process is not None:
+            raise OptionError(f"{self._path}: a LoopRecorder records one loop; make another one")
+        header = self._header_line()
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(  # Ctrl-C is not for it
             [sys.executable, "-m", "rcmqp.runs.loop_writer"],
@@ -177,7 +182,7 @@ class LoopRecorder:
             bufsize=0,
             process_group=0,
         )
-        self._write(json.dumps(self._header).encode() + b"\n")
+        self._write(header)
         if error := self._answer().get("error"):
             self._end()
             raise RunFileError(self._path, f"cannot be recorded: {error}")
@@ -248,6 +253,19 @@ class LoopRecorder:
             kept = f"{answer['rows']} cycles in {self._path}"
             return f"{kept}; it ends early: {self._fault}" if self._fault else kept
         return f"nothing: {answer['error']}"
+
+    def _header_line(self) -> bytes:
+        """The header as JSON; an OptionError names the controller's option that JSON refuses."""
+        for name, value in self._header["options"].items():
+            try:
+                json.dumps(value)
+            except (TypeError, ValueError) as error:
+                kind = type(value).__name__
+                raise OptionError(
+                    f"{name} = {value!r:.50}, of type {kind}, cannot be kept in a run's file; "
+                    f"give {self._header['name']} numbers, texts or lists of Python"
+                ) from error
+        return json.dumps(self._header).encode() + b"\n"
 
     def _hand_over(self) -> None:
         """Give the rows that wait to the process that writes, until the loop has ended."""

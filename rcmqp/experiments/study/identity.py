@@ -9,6 +9,7 @@ import uuid
 from pathlib import Path
 
 from rcmqp.controllers import Controller
+from rcmqp.experiments.kept import classes_outside
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.plugins import distributions_of
 
@@ -23,11 +24,9 @@ def identity(controller: Controller, scenario: Scenario) -> str:
     """
     sha = hashlib.sha256(controller.insertion.arm.sha256.encode())
     sha.update(json.dumps(controller.options, sort_keys=True, default=str).encode())
-    for part in (controller, scenario.path, scenario.motion, scenario.plant):
-        for kind in type(part).__mro__:
-            if kind.__module__.partition(".")[0] not in ("rcmqp", "abc", "builtins", "typing"):
-                sha.update(" ".join(distributions_of(kind)).encode())
-                sha.update(_file_of(kind))
+    for kind in classes_outside(controller, scenario):
+        sha.update(" ".join(distributions_of(kind)).encode())
+        sha.update(_file_of(kind))
     return sha.hexdigest()
 
 
