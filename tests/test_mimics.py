@@ -96,3 +96,31 @@ def test_a_follower_that_is_locked_or_off_the_way_is_held(tmp_path: Path) -> Non
     finger = link(8, "x").replace("</joint>", '<mimic joint="j7"/></joint>')
     path.write_text(urdf().replace("</robot>", f"{finger}</robot>"))
     assert load_arm(path, "l7", home=[0.0] * 7).nv == 7
+
+
+def test_the_followers_of_a_locked_joint_are_held_where_they_follow_it(tmp_path: Path) -> None:
+    """A chain of followers, with an offset; beside a load with each of them locked by hand."""
+    follower = bar(3, -1.0).replace('joint="p1"', 'joint="p2" offset="0.05"')
+    path = tmp_path / "r.urdf"
+    path.write_text(text(bar(1, None), bar(2, -1.0), follower))
+    home = [0.1 * i for i in range(7)]
+    arm = load_arm(path, "l7", locked={"p1": 0.4}, home=home)
+    by_hand = load_arm(path, "l7", locked={"p1": 0.4, "p2": -0.4, "p3": 0.45}, home=home)
+    assert arm.joints == tuple(f"j{i}" for i in range(1, 8))
+    assert arm.source is not None
+    assert "held, as they follow locked joints: p2, p3" in arm.source.notes
+    found, expected = (each.state(each.configuration(home)).oMe for each in (arm, by_hand))
+    assert_allclose(found.homogeneous, expected.homogeneous, rtol=0, atol=1e-12)
+    middle = load_arm(path, "l7", locked={"p2": 0.2}, home=[0.0] * 8)
+    assert middle.joints == ("j1", "p1", *by_hand.joints[1:])
+    with pytest.raises(ArmError, match="p1 cannot be locked at high; give a number"):
+        load_arm(path, "l7", locked={"p1": "high"})  # type: ignore[dict-item]
+
+
+def test_a_parallelogram_keeps_the_soft_limits_of_the_joint_that_leads(tmp_path: Path) -> None:
+    soft = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="0.6" k_velocity="1"/>'
+    path = tmp_path / "r.urdf"
+    leading = bar(1, None).replace("</joint>", f"{soft}</joint>")
+    path.write_text(text(leading, bar(2, -1.0), bar(3, 1.0)))
+    arm = load_arm(path, "l7", home=[0.0] * 8)
+    assert (arm.joints[1], arm.lower[1], arm.upper[1]) == ("p1", -0.5, 0.6)

@@ -84,6 +84,16 @@ def test_depth_and_cone_alone_keep_the_shaft_where_it_is() -> None:
     assert scenario.trocar.cone_half_angle == 0.5
 
 
+@pytest.mark.parametrize("name", ["trocar_off_shaft", "obstacle"])
+def test_without_pivot_and_depth_the_scenario_keeps_its_incision(name: str) -> None:
+    own = load_scenario(name, "panda")
+    assert load_scenario(name, "panda", port=Port()) == own
+    tilted = dataclasses.replace(own.trocar, cone_half_angle=0.6)
+    scenario = load_scenario(name, "panda", port=Port(cone=0.6))
+    assert scenario == dataclasses.replace(own, trocar=tilted)
+    assert scenario.insertion().trocar_offset == own.insertion().trocar_offset
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -23,6 +23,8 @@ def at_port(scenario: Scenario, port: Port) -> Scenario:
     """
     before = scenario.insertion()
     after = port.insertion(before)
+    if port.keeps_pivot:
+        return dataclasses.replace(scenario, trocar=after.trocar)
     turn = dq.mul(after.x_rcm, dq.conj(before.x_rcm))
     changes: dict[str, Any] = {}
     if isinstance(scenario.motion, Breathing | Sinusoid):
@@ -36,7 +38,7 @@ def at_port(scenario: Scenario, port: Port) -> Scenario:
         scenario,
         angles_start=tuple(after.angles_start),
         trocar=after.trocar,
-        shaft_tolerance=port.shaft_tolerance,
+        shaft_tolerance=after.tolerance,
         obstacles=tuple(moved),
         **changes,
     )

@@ -37,6 +37,7 @@ class Insertion:
         trocar_offset: how far the trocar is off the shaft's axis at the start [m]. The effector
             is the point of the shaft nearest to it, and x_rcm lies beside the effector by that
             much: going to x_rcm brings the shaft back.
+        tolerance: how far the trocar may lie off the shaft's axis at the start [m].
         obstacles: what the instrument is to keep out of.
     """
 
@@ -72,7 +73,7 @@ class Insertion:
         oMf = flange.state(q_start).oMe
         pivot = np.array(trocar.pivot)
         seen = oMf.actInv(pivot)
-        self.trocar_offset = float(np.hypot(seen[0], seen[1]))
+        self.tolerance, self.trocar_offset = tolerance, float(np.hypot(seen[0], seen[1]))
         if self.trocar_offset > tolerance:
             raise TrocarOffShaft(self.trocar_offset, tolerance)
         along = float(seen[2])

@@ -29,7 +29,7 @@ from rcmqp.world.arm_limits import (
     per_joint_position,
 )
 from rcmqp.world.home import home_of
-from rcmqp.world.mimics import without_mimics
+from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.questions import questions
 from rcmqp.world.urdf import (
@@ -101,7 +101,8 @@ def load_arm(
         home: only with a URDF: joint angles (nv,) of the starting pose [rad], or by joint name;
             without it, a configuration far from limits and singularities is searched, the same
             each time.
-        locked: only with a URDF: joints on the way to the flange to hold, with their position.
+        locked: only with a URDF: joints on the way to the flange to hold, with their position;
+            joints that follow them are held too.
         position: position limits, a lower and an upper one [rad].
         velocity: speed limits [rad/s].
         acceleration: acceleration limits [rad/s^2].
@@ -250,16 +251,19 @@ def _build(
     **about: Any,
 ) -> Arm:
     """Hold the locked joints and those off the chain, check what is left, and make the Arm."""
+    for held, position in locked.items():
+        if not isinstance(position, int | float) or not math.isfinite(position):
+            raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
+    followers = held_followers(urdf, flange, locked)
+    locked = {**locked, **followers}
     given, urdf = urdf, without_mimics(urdf, flange, list(locked))
     model = model_of(urdf)
     joint = find_frame(model, flange).parentJoint
     if model.njoints == 1:
         raise ArmError(f"{name}: the URDF has no moving joints")
-    for held, position in locked.items():
+    for held in locked:
         if not model.existJointName(held):
             raise UnknownName("joint", held, list(model.names)[1:])
-        if not isinstance(position, int | float) or not math.isfinite(position):
-            raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
     chain = set(model.supports[joint])
     hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
     q = pin.neutral(model)
@@ -267,6 +271,8 @@ def _build(
         if model.names[i] in locked:
             _set_angle(q, model.joints[i], locked[model.names[i]])
     notes = _held(model, hold, locked)
+    if followers:
+        notes.append(f"held, as they follow locked joints: {', '.join(followers)}")
     links = {link.attrib["name"] for link in urdf.root.iterfind("link")}
     for i in hold:  # each becomes a frame, and there a link may have its name
         if model.names[i] in links:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +67,35 @@ def without_mimics(urdf: Urdf, link: str, locked: Sequence[str]) -> Urdf:
     return Urdf(urdf.path, root, hashlib.sha256(ET.tostring(root)).hexdigest())
 
 
+def held_followers(urdf: Urdf, link: str, locked: Mapping[str, float]) -> dict[str, float]:
+    """Joints between base and ``link`` that follow a locked one, and their positions.
+
+    Raises:
+        ArmError: a joint follows another one that is not there.
+    """
+    held = {}
+    for joint in _chain(urdf.root, link):
+        name = joint.attrib["name"]
+        position = None if name in locked else _position(urdf.root, joint, locked)
+        if position is not None:
+            held[name] = position
+    return held
+
+
+def _position(root: ET.Element, joint: ET.Element, locked: Mapping[str, float]) -> float | None:
+    """Where a joint is if it is locked, or follows a locked one in the end; None if neither."""
+    scale, shift, seen = 1.0, 0.0, set[str]()
+    while (name := joint.attrib["name"]) not in locked:
+        mimic = joint.find("mimic")
+        if mimic is None or name in seen:
+            return None
+        seen.add(name)
+        shift += scale * _offset(joint)
+        scale *= float(mimic.get("multiplier", "1"))
+        joint = _named(root, mimic.get("joint", ""))
+    return scale * locked[name] + shift
+
+
 def _check(members: list[_Member], chain: list[ET.Element], urdf: Urdf) -> None:
     """Refuse joints that are no parallelogram."""
     name = next(each.joint for each in members if each.joint.find("mimic") is not None).get("name")
@@ -99,7 +128,7 @@ def _replace(root: ET.Element, master: str, members: list[_Member]) -> None:
         total += float(axes[i] @ axes[-1])
         if abs(total) < 0.5:
             centre += points[i + 1] - points[i]
-    limit = _named(root, master).find("limit")
+    limits = [_named(root, master).find(tag) for tag in ("limit", "safety_controller")]
     own = [each.joint.attrib["name"] for each in members]
     name = master if master in own else own[0]
     parent, child = members[0].joint.find("parent"), last.joint.find("child")
@@ -112,15 +141,14 @@ def _replace(root: ET.Element, master: str, members: list[_Member]) -> None:
     root.remove(last.joint)
     middle = f"{name} (pivot)"
     ET.SubElement(root, "link", name=middle)
-    kind = "revolute" if limit is not None else "continuous"
+    kind = "revolute" if limits[0] is not None else "continuous"
     joint = ET.SubElement(root, "joint", name=name, type=kind)
     _origin(joint, before.actInv(pivot))
     ET.SubElement(joint, "parent", link=parent.attrib["link"])
     ET.SubElement(joint, "child", link=middle)
     axis = last.oMl.rotation.T @ axes[-1]
     ET.SubElement(joint, "axis", xyz=" ".join(repr(float(x)) for x in axis))
-    if limit is not None:
-        joint.append(copy.deepcopy(limit))
+    joint.extend(copy.deepcopy(limit) for limit in limits if limit is not None)
     rigid = ET.SubElement(root, "joint", name=f"{name} (rigid)", type="fixed")
     _origin(rigid, pivot.actInv(last.oMl))
     ET.SubElement(rigid, "parent", link=middle)
@@ -131,7 +159,7 @@ def _fix(root: ET.Element, joint: ET.Element) -> None:
     """Hold a joint of a parallelogram, without the shapes of its link."""
     joint.set("type", "fixed")
     joint.set("name", f"{joint.attrib['name']} (held)")
-    for tag in ("mimic", "limit", "axis"):
+    for tag in ("mimic", "limit", "safety_controller", "axis"):
         for element in joint.findall(tag):
             joint.remove(element)
     child = joint.find("child")

@@ -22,7 +22,8 @@ class Port:
 
     With a pivot alone the arm moves to a start that find_start() finds. With a tolerance as well
     the instrument is in already: the arm stays at its start, and the pivot, measured a little off
-    the shaft, is taken as it is if it is no farther off than that.
+    the shaft, is taken as it is if it is no farther off than that. With a depth and no pivot the
+    incision is put on the shaft where it is, that far before the tip.
 
     Attributes:
         pivot: (3,) in the world [m].
@@ -67,29 +68,33 @@ class Port:
             InsertionError: no start was found, or depth or cone do not fit.
         """
         arm, instrument, angles = before.arm, before.instrument, before.angles_start
-        depth = before.tip_depth if self.depth is None else self.depth
-        flange = arm.with_effector(pin.SE3.Identity()).state(before.q_start).oMe
-        shaft = vector3("shaft", flange.rotation[:, 2])
-        on_shaft = flange.act(np.array([0.0, 0.0, instrument.tip - depth]))
-        stays = self.pivot is None or self.tolerance is not None
-        trocar = dataclasses.replace(
-            before.trocar,
-            pivot=self.pivot or vector3("pivot", on_shaft),
-            axis=self.axis or (shaft if stays else DOWN),
-            cone_half_angle=before.trocar.cone_half_angle if self.cone is None else self.cone,
-        )
-        if not stays:
-            angles = find_start(arm, instrument, trocar, depth=depth)
+        trocar, tolerance = before.trocar, before.tolerance
+        if self.cone is not None:
+            trocar = dataclasses.replace(trocar, cone_half_angle=self.cone)
+        if not self.keeps_pivot:
+            tolerance = SHAFT_TOLERANCE if self.tolerance is None else self.tolerance
+            depth = before.tip_depth if self.depth is None else self.depth
+            stays = self.pivot is None or self.tolerance is not None
+            flange = arm.with_effector(pin.SE3.Identity()).state(before.q_start).oMe
+            shaft = vector3("shaft", flange.rotation[:, 2])
+            on_shaft = flange.act(np.array([0.0, 0.0, instrument.tip - depth]))
+            trocar = dataclasses.replace(
+                trocar,
+                pivot=self.pivot or vector3("pivot", on_shaft),
+                axis=self.axis or (shaft if stays else DOWN),
+            )
+            if not stays:
+                angles = find_start(arm, instrument, trocar, depth=depth)
         return Insertion(
             arm,
             instrument,
             trocar,
             angles,
-            tolerance=self.shaft_tolerance,
+            tolerance=tolerance,
             obstacles=before.obstacles,
         )
 
     @property
-    def shaft_tolerance(self) -> float:
-        """How far off the shaft the pivot may be found [m]."""
-        return SHAFT_TOLERANCE if self.tolerance is None else self.tolerance
+    def keeps_pivot(self) -> bool:
+        """Whether the incision stays where it is; then only its cone may change."""
+        return self.pivot is None and self.depth is None
