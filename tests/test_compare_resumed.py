@@ -25,7 +25,7 @@ from rcmqp.errors import OptionError
 from rcmqp.experiments import compare as comparison
 from rcmqp.experiments.batch import batch
 from rcmqp.experiments.compare import Case, arm_and_flange, cases, compare
-from rcmqp.experiments.kept import kept_run
+from rcmqp.experiments.kept import LOADED, kept_run
 from rcmqp.runs.simulate import simulate as simulate_whole
 from rcmqp.show.tables import TIMES, Row
 from rcmqp.world import plugins
@@ -193,6 +193,12 @@ def test_a_broken_plug_in_is_a_row_that_says_why(
     assert broken.failure.startswith("PluginError: 'broken' in rcmqp.controllers")
     assert "no_such_module" in broken.failure
     assert not other.failure
+
+
+def test_code_edited_while_a_run_is_made_counts_as_changed(tmp_path: Path) -> None:
+    compare(SHORT[:1], tmp_path)
+    (file,) = tmp_path.glob("*.h5")
+    assert file.stat().st_mtime == pytest.approx(LOADED, abs=1e-3)
 
 
 def test_a_changed_base_class_in_a_file_of_ones_own_counts(tmp_path: Path) -> None:

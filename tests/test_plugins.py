@@ -85,6 +85,18 @@ def test_the_guides_package_is_known_by_name(keyhole: Path, tmp_path: Path) -> N
     assert run(keyhole, HERE, tmp_path) == expected
 
 
+ARM = """
+from rcmqp import load_arm
+print(load_arm("benchtop").sha256 != load_arm("panda").sha256)
+"""
+
+
+def test_the_file_of_a_plug_ins_arm_is_part_of_what_the_arm_was_read_from(
+    keyhole: Path, tmp_path: Path
+) -> None:
+    assert run(keyhole, ARM, tmp_path) == "True\n"
+
+
 WORKERS = """
 import os
 import sys

@@ -16,7 +16,7 @@ from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, PluginError, RunFileError
 from rcmqp.experiments.batch import batch, check_jobs
-from rcmqp.experiments.kept import kept_run
+from rcmqp.experiments.kept import date, kept_run
 from rcmqp.files import check_writable, make_folder, unlike, whole
 from rcmqp.runs.loading import changed, load_scenario, own_arm
 from rcmqp.runs.run import Run
@@ -201,6 +201,7 @@ def run_case(case: Case, file: Path, kind: type[Controller] | None = None) -> tu
         run = kept or simulate(scenario, controller)
         if kept is None:
             run.save(file)
+            date(file)
         row = dataclasses.replace(row_of(run), setting=case.controller, file=file.name)
         return row, kept is not None
     except Exception as error:  # noqa: BLE001  (the other cases go on, and the row has it)

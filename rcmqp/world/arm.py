@@ -36,7 +36,7 @@ class ModelSource:
     Attributes:
         urdf: the file that the model was read from.
         text: the URDF that the model was made of, with the base where it stands.
-        sha256: of the URDF's file; with an arm's file of one's own, of that one as well.
+        sha256: of the URDF's file; with an arm's file that is not rcmqp's, of that one as well.
         packages: folders in which the meshes of package:// are looked for.
         locked: joints on the way to the flange that are held because load_arm() was told so,
             with their positions.

@@ -143,7 +143,9 @@ def load_arm(
         arm = _load_file(file, str(name), by_hand, path.read_bytes())
         return _questioned(arm, mounted="rpy" in file.entry["flange"])
     assert folder is not None
-    return _load_file(read_arm_file(folder / "robot.toml", _robots()), str(name), by_hand)
+    toml = folder / "robot.toml"
+    made_of = None if str(name) in _own_names() else toml.read_bytes()
+    return _load_file(read_arm_file(toml, _robots()), str(name), by_hand, made_of)
 
 
 def _robots() -> Path:
