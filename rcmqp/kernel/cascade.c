@@ -151,7 +151,7 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
             speed_rows(state, level, speed, arena);
         } else {
             for (int i = 0; i < free; ++i)
-                for (int p = 0; p < n; ++p) speed[i * n + p] = level->damping * state->Z[p * n + i];
+                for (int p = 0; p < n; ++p) speed[i * n + p] = level->speed * state->Z[p * n + i];
         }
         for (int i = 0; i < free; ++i) {
             still[i] = level->from == NULL ? 0.0 : dot(speed + i * n, level->from, n);
@@ -248,7 +248,7 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        make_problem(&open, &(Level){m, A, b, damping, NULL}, &problem, speed, still, index, arena);
+        make_problem(&open, &(Level){m, A, b, damping, damping, NULL}, &problem, speed, still, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
             break;
