@@ -30,7 +30,7 @@
  *
  * with v_j what the damped levels above have reached, and s going from one to zero as v0 leaves the
  * box, so that joints in the way do not drive others that gain nothing. Where the bounds keep m of
- * A v0 from the level in the end, the steps are made once more with d^2 (1 + m / (d 0.005 rad/s)) in
+ * A v0 from the level in the end, the steps are made once more with d^2 (1 + m / (d 0.006 rad/s)) in
  * place of d^2: near the v that serves a blocked level best, a small d would ask for great speeds
  * to and fro, faster than joints with limits of acceleration and jerk can turn round. Every step is a projection
  * on a convex set in a norm that changes continuously; where v0 keeps the bounds, all steps stay

@@ -33,7 +33,7 @@
 /* Speed costs a damped level more where bounds keep it from its goal by more than the first of
  * these, over its damping, and twice as much by the second more [rad/s]. */
 #define KEPT_FROM 5e-5
-#define HELD_BACK 0.005
+#define HELD_BACK 0.006
 
 /* A level whose KKT residual is above this is not called exact. */
 #define EXACT 1e-8
@@ -422,7 +422,8 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
     state->offset = descent->offsets + k * n;
     const Route route = approach_open(work, &level, k, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit / level.damping;
-    if (work->failed || route == KEPT || !(left > KEPT_FROM)) return route;
+    if (!work->hierarchy->sluggish || work->failed || route == KEPT || !(left > KEPT_FROM))
+        return route;
     level.speed *= sqrt(1.0 + (left - KEPT_FROM) / HELD_BACK);
     go_back(descent, work->before, k);
     active_set(multipliers_of(work, k), N, work->proposed);
