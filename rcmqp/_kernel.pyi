@@ -90,6 +90,7 @@ def solve(
     C: Array,
     d: Array,
     guarded: int,
+    sluggish: int,
     max_rounds: int,
     v: Array | None,
     guess: Array,

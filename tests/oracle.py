@@ -9,6 +9,7 @@ the rows of speed and exchange that rcmqp/kernel/cascade.h defines stacked below
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -234,9 +235,15 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
         else:
             start = free[-1].v
             out = float(np.linalg.norm(start - np.clip(start, lower, upper)))
-            one = Stacked(Z.T, still, Z, start / (1.0 + out / constant("FAR_OUT")))
-            for _ in range(int(constant("PROXIMAL"))):
-                one = solved((level.A, level.A @ start), (d * Z.T, d * Z.T @ one.v), (H, h))
+            speed = d
+            for _ in range(2):
+                one = Stacked(Z.T, still, Z, start / (1.0 + out / constant("FAR_OUT")))
+                for _ in range(int(constant("PROXIMAL"))):
+                    rows = speed * Z.T
+                    one = solved((level.A, level.A @ start), (rows, rows @ one.v), (H, h))
+                left = float(np.linalg.norm(level.A @ (one.v - start))) / d
+                more = max(left - constant("KEPT_FROM"), 0.0) / constant("HELD_BACK")
+                speed = d * math.sqrt(1.0 + more)
         found.append(one)
         v = one.v
         if level.damping > 0.0:

@@ -105,6 +105,34 @@ static void speed_rows(const State *state, const Level *level, double *speed, Ar
     arena->used = mark;
 }
 
+/* Rows of a damped level's steps inside bounds, whose square is Z (d^2 + L^2) Z^T, see cascade.h;
+ * L = 0 where the speed's damping is the level's own, d. */
+static void step_rows(const State *state, const Level *level, double *speed, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = state->n, free = state->free;
+    const double square = level->damping * level->damping;
+    const double more = level->speed * level->speed - square;
+    double *S = take(arena, free * free);
+    if (more > 0.0) {
+        Level held_back = *level;
+        held_back.damping = sqrt(more);
+        speed_rows(state, &held_back, speed, arena);
+    }
+    for (int i = 0; i < free; ++i)
+        for (int j = 0; j <= i; ++j)
+            S[i * free + j] = (i == j ? square : 0.0) +
+                              (more > 0.0 ? dot(speed + i * n, speed + j * n, n) : 0.0);
+    cholesky(S, free);
+    for (int i = 0; i < free; ++i)
+        for (int p = 0; p < n; ++p) {
+            double total = 0.0;
+            for (int j = i; j < free; ++j) total += S[j * free + i] * state->Z[p * n + j];
+            speed[i * n + p] = total;
+        }
+    arena->used = mark;
+}
+
 /* One row a v = b, divided by `weight`, as row i of M and c; returns a v. */
 static double add_row(const State *state, const double *a, double b, double weight, int i,
                       Problem *problem)
@@ -150,8 +178,7 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
         if (level->from == NULL) {
             speed_rows(state, level, speed, arena);
         } else {
-            for (int i = 0; i < free; ++i)
-                for (int p = 0; p < n; ++p) speed[i * n + p] = level->damping * state->Z[p * n + i];
+            step_rows(state, level, speed, arena);
         }
         for (int i = 0; i < free; ++i) {
             still[i] = level->from == NULL ? 0.0 : dot(speed + i * n, level->from, n);
@@ -248,7 +275,7 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        make_problem(&open, &(Level){m, A, b, damping, NULL}, &problem, speed, still, index, arena);
+        make_problem(&open, &(Level){m, A, b, damping, damping, NULL}, &problem, speed, still, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
             break;

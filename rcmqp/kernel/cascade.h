@@ -29,7 +29,10 @@
  *                                   + sum |A_j (v - v_j) / exchange_j|^2
  *
  * with v_j what the damped levels above have reached, and s going from one to zero as v0 leaves the
- * box, so that joints in the way do not drive others that gain nothing. Every step is a projection
+ * box, so that joints in the way do not drive others that gain nothing. Where the bounds keep m of
+ * A v0 from the level in the end, the steps are made once more with d^2 (1 + m / (d 0.006 rad/s)) in
+ * place of d^2: near the v that serves a blocked level best, a small d would ask for great speeds
+ * to and fro, faster than joints with limits of acceleration and jerk can turn round. Every step is a projection
  * on a convex set in a norm that changes continuously; where v0 keeps the bounds, all steps stay
  * there. So the answer is continuous through the change from one form to the other too. It is not
  * where hard rows change places with a guarded level (hierarchy.h), where a guarded level cannot be
@@ -71,6 +74,7 @@ typedef struct {
     const double *A; /* (m, n) */
     const double *b; /* (m) */
     double damping;  /* unit of the rows per unit of v */
+    double speed;    /* and inside bounds, likewise; the damping, or more */
     const double *from; /* (n) inside bounds, the v from which speed counts; NULL: zero, and L */
 } Level;
 

@@ -30,6 +30,11 @@
  * their damping [rad/s]. */
 #define GIVES_WAY 0.003
 
+/* Speed costs a damped level more where bounds keep it from its goal by more than the first of
+ * these, over its damping, and twice as much by the second more [rad/s]. */
+#define KEPT_FROM 5e-5
+#define HELD_BACK 0.006
+
 /* A level whose KKT residual is above this is not called exact. */
 #define EXACT 1e-8
 
@@ -140,7 +145,7 @@ static Level level_of(const Hierarchy *hierarchy, const Descent *descent, const 
 {
     const int first = first_row(hierarchy, k);
     return (Level){rows_of(hierarchy, k), descent->A + first * hierarchy->n, b + first,
-                   descent->damping[k], NULL};
+                   descent->damping[k], descent->damping[k], NULL};
 }
 
 /* By how much v exceeds the hard rows, in the caller's unit. */
@@ -378,22 +383,17 @@ static double inside(const Descent *descent)
     return 1.0 / (1.0 + sqrt(total) * descent->unit / FAR_OUT);
 }
 
-/* A damped level, step by step from the closed form's v, see cascade.h. */
-static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
+/* The steps of a damped level from the closed form's v, see cascade.h. */
+static Route approach_open(Work *work, Level *level, int k, int *rounds, Arena *arena)
 {
     Descent *descent = work->descent;
     State *state = &descent->state;
     const int n = state->n, N = state->N;
-    double *from = take(arena, n), *aim = descent->aim + first_row(work->hierarchy, k);
-    double *multipliers = multipliers_of(work, k);
-    Level level = level_of(work->hierarchy, descent, descent->aim, k);
-    Route route = CLOSED_FORM;
-    if (!(norm_of(aim, level.m) < LARGEST)) return KEPT;
-    for (int i = 0; i < level.m; ++i) aim[i] = dot(level.A + i * n, descent->open, n);
+    double *from = take(arena, n), *multipliers = multipliers_of(work, k);
     const double share = inside(descent);
+    Route route = CLOSED_FORM;
     for (int i = 0; i < n; ++i) from[i] = share * descent->open[i];
-    level.from = from;
-    state->offset = descent->offsets + k * n;
+    level->from = from;
     for (int step = 0; step < PROXIMAL && !work->failed; ++step) {
         int used = 0;
         if (step > 0) {
@@ -402,11 +402,33 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
             memset(multipliers, 0, sizeof(double) * (size_t)N);
             state->held = descent->helds[k];
         }
-        route = serve_once(work, &level, k, step == 0 && work->propose != NULL, &used, arena);
+        route = serve_once(work, level, k, step == 0 && work->propose != NULL, &used, arena);
         *rounds += used;
         if (step + 1 < PROXIMAL && route >= UNVERIFIED) descent->doubts[k] = 1;
     }
     return route;
+}
+
+/* A damped level inside bounds; where they keep it from its goal, once more with more damping. */
+static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
+{
+    Descent *descent = work->descent;
+    State *state = &descent->state;
+    const int n = state->n, N = state->N;
+    double *aim = descent->aim + first_row(work->hierarchy, k);
+    Level level = level_of(work->hierarchy, descent, descent->aim, k);
+    if (!(norm_of(aim, level.m) < LARGEST)) return KEPT;
+    for (int i = 0; i < level.m; ++i) aim[i] = dot(level.A + i * n, descent->open, n);
+    state->offset = descent->offsets + k * n;
+    const Route route = approach_open(work, &level, k, rounds, arena);
+    const double left = missing(&level, state->v, n) * descent->unit / level.damping;
+    if (!work->hierarchy->sluggish || work->failed || route == KEPT || !(left > KEPT_FROM))
+        return route;
+    level.speed *= sqrt(1.0 + (left - KEPT_FROM) / HELD_BACK);
+    go_back(descent, work->before, k);
+    active_set(multipliers_of(work, k), N, work->proposed);
+    memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
+    return approach_open(work, &level, k, rounds, arena);
 }
 
 /* Level after level; 0 is the hard rows, which come after `after` others. Returns 0, or -1 where
@@ -492,7 +514,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     over /= larger(small, size);
     solution->info[REACHED] =
         residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, 0.0, solution->violation);
-    Level exceeded = {0, rows, goal, descent->damping[0], NULL};
+    Level exceeded = {0, rows, goal, descent->damping[0], descent->damping[0], NULL};
     for (int i = 0; i < m; ++i) {
         if (!(solution->violation[i] > 0.0)) continue;
         memcpy(rows + exceeded.m * n, hierarchy->C + i * n, sizeof(double) * (size_t)n);

@@ -29,6 +29,8 @@ typedef struct {
     const double *d;      /* (m) */
     int guarded;          /* how many of the first levels hard rows may not keep from their goal:
                              where the box alone lets these be reached, the rows come after them */
+    int sluggish;         /* 1: joints cannot turn round at once; levels that bounds keep from
+                             their goal are damped more */
     int max_rounds;       /* of the active set, for each level; 0: account for v as it is */
 } Hierarchy;
 

@@ -146,11 +146,12 @@ int check_levels(const Hierarchy *hierarchy, npy_intp rows)
     return 0;
 }
 
-/* solve(A, b, ends, damping, lower, upper, C, d, guarded, max_rounds, v, guess, backend) */
+/* solve(A, b, ends, damping, lower, upper, C, d, guarded, sluggish,
+ * max_rounds, v, guess, backend) */
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("solve", count, 13)) return NULL;
+    if (!counted("solve", count, 14)) return NULL;
     const npy_intp m = size_of(args[7]), rows = size_of(args[1]);
     const npy_intp n = rows > 0 ? size_of(args[0]) / rows : 0;
     Hierarchy hierarchy = {
@@ -166,20 +167,21 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
         numbers_of(args[6], NPY_DOUBLE, m * n, "C"),
         numbers_of(args[7], NPY_DOUBLE, m, "d"),
         count_of(args[8], 1000, "guarded"),
-        count_of(args[9], MOST_ROUNDS, "max_rounds"),
+        count_of(args[9], 1, "sluggish"),
+        count_of(args[10], MOST_ROUNDS, "max_rounds"),
     };
     if (PyErr_Occurred() || !check_levels(&hierarchy, rows)) return NULL;
-    double *guess = space_of(args[11], (npy_intp)(hierarchy.levels + 1) * (n + m), "guess");
-    const double *start = args[10] == Py_None ? NULL : numbers_of(args[10], NPY_DOUBLE, n, "v");
+    double *guess = space_of(args[12], (npy_intp)(hierarchy.levels + 1) * (n + m), "guess");
+    const double *start = args[11] == Py_None ? NULL : numbers_of(args[11], NPY_DOUBLE, n, "v");
     if (PyErr_Occurred()) return NULL;
     const size_t size = memory_for((int)n, (int)m, (int)rows, hierarchy.levels);
     Arena own = {NULL, 0}, *arena = &own; /* the backend may call back into the module's scratch */
-    if (args[12] == Py_None)
+    if (args[13] == Py_None)
         arena = scratch(size);
     else if ((own.memory = PyMem_RawMalloc(sizeof(double) * size)) == NULL)
         return PyErr_NoMemory();
     PyObject *answer =
-        arena == NULL ? NULL : answered(&hierarchy, start, guess, args[12], NULL, arena);
+        arena == NULL ? NULL : answered(&hierarchy, start, guess, args[13], NULL, arena);
     PyMem_RawFree(own.memory);
     return answer;
 }

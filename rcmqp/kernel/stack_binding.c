@@ -198,6 +198,14 @@ static int make_room(StackObject *self, const Hierarchy *hierarchy, npy_intp row
     return 0;
 }
 
+/* Whether a joint's acceleration is limited. */
+static int is_sluggish(const Stack *stack)
+{
+    for (int i = 0; i < stack->n; ++i)
+        if (stack->acceleration[i] < INFINITY) return 1;
+    return 0;
+}
+
 /* The problem of a cycle: 1, with the arena after it; 0 where given rows are not usable; -1. */
 static int read_problem(StackObject *self, PyObject *const *args, Hierarchy *hierarchy,
                         Arena *arena)
@@ -218,7 +226,7 @@ static int read_problem(StackObject *self, PyObject *const *args, Hierarchy *hie
     *hierarchy = (Hierarchy){
         .n = stack->n, .levels = stack->levels, .damping = stack->damping,
         .ends = PyArray_DATA((PyArrayObject *)self->ends),
-        .guarded = self->guarded, .max_rounds = self->max_rounds,
+        .guarded = self->guarded, .sluggish = is_sluggish(stack), .max_rounds = self->max_rounds,
     };
     for (int k = 0; k < stack->limit_count; ++k) hierarchy->m += stack->limits[k].m;
     const npy_intp rows = (npy_intp)hierarchy->ends[stack->levels - 1];

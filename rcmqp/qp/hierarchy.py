@@ -55,7 +55,9 @@ class Hierarchy:
 
     where j are the damped levels above, c_j = A_j v what they have reached, and C stacks A Z / d
     and the A_j Z / d_j. If that breaks a bound in the end, each damped level goes, inside the
-    bounds, three proximal steps from the v without bounds towards its A v there. With strict
+    bounds, three proximal steps from the v without bounds towards its A v there; where the joints
+    are ``sluggish`` and bounds keep m of that from it, with d^2 (1 + m / (d 0.006)) in place of
+    d^2. With strict
     levels above damped ones and one below, v is continuous in the levels and the bounds, but for
     where guarded levels are not reached; see kernel/cascade.h for the formulas and constants.
 
@@ -116,6 +118,7 @@ class Hierarchy:
         bounds: Bounds,
         rest: ArrayLike | None = None,
         guarded: int = 0,
+        sluggish: bool = False,
     ) -> HierarchySolution:
         """The lexicographic optimum; for finite numbers there is always one, inside the box.
 
@@ -125,6 +128,8 @@ class Hierarchy:
             rest: (n,) v_rest, zero by default.
             guarded: how many of the first levels hard rows may not keep from their goal: where
                 the box alone would let these levels be reached, the rows come after them.
+            sluggish: whether joints cannot turn round at once, as with limits of acceleration:
+                damped levels that bounds keep from their goal weigh speed more.
 
         Raises:
             InvalidProblem: shapes that do not fit, or ``rest`` not finite.
@@ -141,7 +146,8 @@ class Hierarchy:
         b = np.concatenate([*(level.b for level in levels), rest])
         ends = np.cumsum([*(level.b.size for level in levels), n])
         damping = np.array([*(level.damping for level in levels), 0.0])
-        problem = (A, b, ends, damping, bounds.lower, bounds.upper, bounds.C, bounds.d, guarded)
+        box = bounds.lower, bounds.upper, bounds.C, bounds.d
+        problem = (A, b, ends, damping, *box, guarded, int(sluggish))
         guess = self.guess((len(ends) + 1, n + bounds.d.size))
         v, numbers = _kernel.solve(*problem, self.max_rounds, None, guess, self.asks)
         answer = Answer(numbers, ends, n, bounds.d.size)
