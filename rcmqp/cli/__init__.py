@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if end.code in INTERRUPTED:
             more = (
                 "; the same command goes on from here"
-                if given[:1] in (["study"], ["compare"])
+                if tuple(given[:1]) in (("study",), ("compare",))
                 else ""
             )
             err.print(f"interrupted{more}", highlight=False)

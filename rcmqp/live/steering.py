@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from rcmqp.controllers.base import Command, Controller
@@ -121,10 +121,17 @@ class Held(Controller):
     @classmethod
     def by(cls, steering: Steering, law: Controller) -> Held:
         """The law, steered."""
-        held = cls(law.insertion, law.period, law, steering)
-        for name in ("name", "diagnostics"):
-            object.__setattr__(held, name, getattr(law, name))
-        return held
+        return cls(law.insertion, law.period, law, steering)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The law's."""
+        return self.law.name
+
+    @property
+    def diagnostics(self) -> Mapping[str, tuple[str, str]]:  # type: ignore[override]
+        """The law's."""
+        return self.law.diagnostics
 
     def reset(self) -> None:
         """Forget the run so far."""
