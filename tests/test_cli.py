@@ -419,7 +419,11 @@ def test_what_is_not_finite_is_null_in_json(call: Call, tmp_path: Path) -> None:
     ("arguments", "where", "word"),
     [
         (SHORT, "rcmqp.cli.run.simulate", "interrupted"),
-        (("compare", "-s", "circle"), "rcmqp.experiments.compare.compare", "interrupted"),
+        (
+            ("compare", "-s", "circle"),
+            "rcmqp.experiments.compare.compare",
+            "interrupted; the same command goes on from here",
+        ),
         (
             ("study", "camera_task"),
             "rcmqp.experiments.study.perform.perform",
