@@ -98,7 +98,7 @@ def verdict(arm: str, seed: int) -> Verdict:
     answer = controller.step(state, reference)
     account = answer.account
     assert isinstance(account, HierarchySolution)
-    problem = Problem(*controller.problem(state, reference))
+    problem = Problem(*controller.problem(state, reference), sluggish=controller is limited)
     levels, box = damped_levels(problem, guarded=1), problem.bounds
     reached = account.levels[0].reached
     alone = not reached and arm == "kinova"

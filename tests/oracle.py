@@ -38,6 +38,7 @@ def constant(name: str) -> float:
 class Problem:
     levels: list[Level]
     bounds: Bounds
+    sluggish: bool = False
 
 
 def stack(p: Problem, exceeded: Array) -> list[tuple[Array, Array]]:
@@ -235,15 +236,15 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
         else:
             start = free[-1].v
             out = float(np.linalg.norm(start - np.clip(start, lower, upper)))
-            speed = d
-            for _ in range(2):
+            more = 0.0
+            for _ in range(2 if p.sluggish else 1):
+                held = speed_rows(level.A, Z, math.sqrt(more), exchange * H)
+                rows = np.vstack([d * Z.T, held])
                 one = Stacked(Z.T, still, Z, start / (1.0 + out / constant("FAR_OUT")))
                 for _ in range(int(constant("PROXIMAL"))):
-                    rows = speed * Z.T
                     one = solved((level.A, level.A @ start), (rows, rows @ one.v), (H, h))
                 left = float(np.linalg.norm(level.A @ (one.v - start))) / d
-                more = max(left - constant("KEPT_FROM"), 0.0) / constant("HELD_BACK")
-                speed = d * math.sqrt(1.0 + more)
+                more = max(left - constant("KEPT_FROM"), 0.0) / constant("HELD_BACK") * d * d
         found.append(one)
         v = one.v
         if level.damping > 0.0:

@@ -14,6 +14,7 @@ import pytest
 from helpers import assert_allclose, derivative
 from limit_parts import ARMS, NEEDED, SCOPE, T, insertion, reference
 
+from rcmqp._kernel import Block
 from rcmqp.limits import (
     LIMITS,
     Constraint,
@@ -25,7 +26,7 @@ from rcmqp.limits import (
     TrocarDepth,
     make_limit,
 )
-from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.dualquaternion import Array, from_se3
 from rcmqp.references.view import STILL
 from rcmqp.world.arm import Arm
 from rcmqp.world.insertion import Insertion
@@ -221,6 +222,52 @@ def test_the_pace_is_the_gains_near_the_limit_and_leaves_the_distance_to_brake()
     assert s < 1e-6
     assert speed == gain * s
     assert damper.pace(1.5) == pytest.approx(math.sqrt(2.0 * A * 1.5), rel=1e-3)
+
+
+def driven(wish: float, v: float, cycles: int) -> tuple[Array, Array]:
+    """Rooms and speeds of a slide that wants to go on at ``wish`` and obeys one depth row.
+
+    It changes its own speed by at most 1 m/s^2, and that by at most 20 m/s^3.
+    """
+    block = Block(
+        "trocar_depth",
+        **{"gain": 60.0, "deceleration": 0.2, "jerk": 5.0, "period": T},
+        **{"tip_depth": 0.0, "shallowest": -1.0, "deepest": 0.05},
+    )
+    J, still, rooms, speeds = np.eye(6)[:, 2:3], np.zeros(3), [], []
+    depth, a = 0.0, 0.0
+    for _ in range(cycles):
+        x = from_se3(pin.SE3(np.eye(3), np.array([0.0, 0.0, depth])))
+        now = np.zeros(1), np.array([v]), np.array([a])
+        C, d = block.rows(x, J, *now, x, np.zeros(8), still, still)[2:]
+        assert np.array_equal(C[:, 0], [1.0, -1.0])
+        own = v + T * np.clip(np.clip((wish - v) / T, -1.0, 1.0), a - 20.0 * T, a + 20.0 * T)
+        before, v = v, min(own, d[0])
+        a, depth = (v - before) / T, depth + T * v
+        rooms.append(0.05 - depth)
+        speeds.append(v)
+    return np.array(rooms), np.array(speeds)
+
+
+def test_a_damper_with_jerk_slows_down_as_gently_as_it_says_and_stops_at_the_limit() -> None:
+    rooms, speeds = driven(wish=0.08, v=0.08, cycles=2000)
+    a = np.diff(speeds, prepend=0.08) / T
+    assert rooms.min() > -1e-12
+    assert rooms[-1] < 1e-7
+    assert speeds[-1] < 1e-6
+    assert a.min() >= -0.2 * (1.0 + 60.0 * T)  # as pace() in cycles
+    assert np.diff(a).min() >= -5.0 * T * (1.0 + 1e-6)
+    braking = 0.08**2 / (2.0 * 0.2) + 0.5 * 0.08 * 0.2 / 5.0
+    assert 0.98 * braking < rooms[int(np.flatnonzero(a < 0.0)[0])] < 1.05 * braking
+
+
+def test_a_damper_with_jerk_that_comes_too_late_is_left_at_its_jerk() -> None:
+    rooms, speeds = driven(wish=0.3, v=0.3, cycles=2000)
+    a = np.diff(speeds, prepend=0.3) / T
+    assert rooms.min() < -0.01  # a stop of 0.2 m/s^2 from 0.3 m/s takes 0.225 m
+    assert np.diff(a[: int(np.argmin(rooms))]).min() >= -5.0 * T * (1.0 + 1e-6)
+    assert abs(rooms[-1]) < 1e-6
+    assert abs(speeds[-1]) < 1e-6
 
 
 # Dampers in a loop -------------------------------------------------------------------------

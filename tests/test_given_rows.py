@@ -297,7 +297,8 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
         "max_rounds": 10,
         "names": tuple("abcde"),
     }
-    cone = _kernel.Block("trocar_cone", gain=1.0, deceleration=1.0, half_angle=1.0, axis=[0, 0, 1])
+    rates = dict.fromkeys(("gain", "deceleration", "jerk", "period"), 1.0)
+    cone = _kernel.Block("trocar_cone", **rates, half_angle=1.0, axis=[0, 0, 1])
     for change, error in (
         ({"names": ("a",)}, ValueError),
         ({"guarded": 2}, ValueError),

@@ -72,7 +72,7 @@ FAULTS: dict[str, dict[str, set[str]]] = {
     "weighted_qp": {
         "comes to rest": {"lwa3", "meka_a2", "ur5"},
         "does not rattle": {"meka_a2", "ur5"},
-        "keeps the trocar": {"ur5"},
+        "keeps the trocar": {"panda", "ur5"},
         "does not overshoot": {"lwa3", "panda"},
         "settles": {"lwa3", "panda"},
     },

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import JOINT_LIMITS, Given
@@ -29,6 +31,9 @@ DEPTH_DECELERATION = 0.2
 
 OBSTACLE_DECELERATION = 0.2
 """What the instrument may be slowed down with before an obstacle [m/s^2]."""
+
+EASING = 0.5
+"""Share of the joints' jerk that these decelerations begin and end with."""
 
 ABLE = 3.5
 """Acceleration limit of the weakest joint from which an arm can do these [rad/s^2].
@@ -81,9 +86,10 @@ class HierarchicalQP(Controller):
       This damping vanishes where the Jacobian's singular values are above it: the tip of an
       ordinary run loses less than 0.001 mm. It takes over where a level is near a singularity, or
       blocked by a bound, and there keeps v from jumping with the state, the reference and the
-      bounds. It is larger where bounds keep the level from its goal, the more, the more is missing:
+      bounds. It is larger where bounds keep the level from its goal, by how much of it is missing:
       joints with limits of acceleration and jerk could not turn round as fast as the best v does
-      near a view that is out of reach. Without it the optimum jumps from vertex to vertex, and the arm never comes to rest.
+      near a view that is out of reach. Without it the optimum jumps from vertex to vertex, and the
+      arm never comes to rest.
       With the default levels v is continuous in all of these while the RCM is reached and no hard
       row is in the way; its slope in the angles, measured on lines through singular and blocked
       states of four arms, is at most 1e5 rad/s per rad on 478 of 480, and 8e5 where two joints are
@@ -217,15 +223,20 @@ def _diagnostics(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
 
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:
     """Joint limits, the trocar's cone and depth range, and the obstacles of the scene."""
-    share = min(1.0, float(insertion.arm.acceleration.min()) / ABLE)
-    cone, depth, obstacle = (
-        share * most for most in (CONE_DECELERATION, DEPTH_DECELERATION, OBSTACLE_DECELERATION)
-    )
+    arm = insertion.arm
+    share = min(1.0, float(arm.acceleration.min()) / ABLE)
+    limited = np.isfinite(arm.acceleration) & np.isfinite(arm.jerk)
+    eased = EASING * np.min(arm.jerk[limited] / arm.acceleration[limited], initial=np.inf)
+
+    def rates(most: float) -> dict[str, float]:
+        jerk = share * most * float(eased)
+        return {"gain": gain, "deceleration": share * most, "jerk": jerk, "period": period}
+
     return (
-        JointLimits(insertion.arm, period),
-        TrocarCone(insertion.trocar, gain=gain, deceleration=cone),
-        TrocarDepth(insertion.trocar, insertion.tip_depth, gain=gain, deceleration=depth),
-        *KeepOut.obstacles(insertion, gain=gain, deceleration=obstacle),
+        JointLimits(arm, period),
+        TrocarCone(insertion.trocar, **rates(CONE_DECELERATION)),
+        TrocarDepth(insertion.trocar, insertion.tip_depth, **rates(DEPTH_DECELERATION)),
+        *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )
 
 

@@ -13,6 +13,8 @@ int add_block_type(PyObject *module);
 
 PyObject *paced(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
+#define DAMPER "gain deceleration jerk period "
+
 /* What a kind is made of: numbers, and lines of numbers a joint. */
 static const struct {
     const char *name, *numbers, *lines;
@@ -27,12 +29,12 @@ static const struct {
     [OBJECTIVE] = {"objective", "K_c c_d", ""},
     [JOINTS] = {"joints", "period",
                 "lowest highest velocity acceleration jerk braking easing"},
-    [TROCAR_CONE] = {"trocar_cone", "gain deceleration half_angle axis", ""},
-    [TROCAR_DEPTH] = {"trocar_depth", "gain deceleration tip_depth shallowest deepest", ""},
-    [KEEP_OUT] = {"keep_out", "gain deceleration centre velocity on_trocar reach first last", ""},
-    [KEEP_IN] = {"keep_in", "gain deceleration centre velocity on_trocar reach first last", ""},
+    [TROCAR_CONE] = {"trocar_cone", DAMPER "half_angle axis", ""},
+    [TROCAR_DEPTH] = {"trocar_depth", DAMPER "tip_depth shallowest deepest", ""},
+    [KEEP_OUT] = {"keep_out", DAMPER "centre velocity on_trocar reach first last", ""},
+    [KEEP_IN] = {"keep_in", DAMPER "centre velocity on_trocar reach first last", ""},
     [ENTRY_SPHERE] = {"entry_sphere",
-                      "gain deceleration centre velocity on_trocar reach first last", ""},
+                      DAMPER "centre velocity on_trocar reach first last", ""},
     [SINGULARITY_PRODUCT] = {"singularity_product", "", "offsets"},
     [MANIPULABILITY] = {"manipulability", "", ""},
     [LEAST_SINGULAR_VALUE] = {"least_singular_value", "", ""},
@@ -51,6 +53,7 @@ static const struct {
     {"c_d", offsetof(Block, c_d), 1},
     {"gain", offsetof(Block, gain), 1},
     {"deceleration", offsetof(Block, deceleration), 1},
+    {"jerk", offsetof(Block, jerk), 1},
     {"half_angle", offsetof(Block, half_angle), 1},
     {"axis", offsetof(Block, axis), 3},
     {"shallowest", offsetof(Block, shallowest), 1},

@@ -275,7 +275,8 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        make_problem(&open, &(Level){m, A, b, damping, damping, NULL}, &problem, speed, still, index, arena);
+        const Level rows = {m, A, b, damping, damping, NULL};
+        make_problem(&open, &rows, &problem, speed, still, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
             break;

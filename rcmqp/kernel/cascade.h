@@ -29,15 +29,16 @@
  *                                   + sum |A_j (v - v_j) / exchange_j|^2
  *
  * with v_j what the damped levels above have reached, and s going from one to zero as v0 leaves the
- * box, so that joints in the way do not drive others that gain nothing. Where the bounds keep m of
- * A v0 from the level in the end, the steps are made once more with d^2 (1 + m / (d 0.006 rad/s)) in
- * place of d^2: near the v that serves a blocked level best, a small d would ask for great speeds
- * to and fro, faster than joints with limits of acceleration and jerk can turn round. Every step is a projection
- * on a convex set in a norm that changes continuously; where v0 keeps the bounds, all steps stay
- * there. So the answer is continuous through the change from one form to the other too. It is not
- * where hard rows change places with a guarded level (hierarchy.h), where a guarded level cannot be
- * reached inside the box, or with a strict level between damped ones or two strict ones below. In the directions that the bounds leave, a singular value sigma loses
- * (d^2 / (d^2 + sigma^2))^PROXIMAL of what is to be made up for.
+ * box, so that joints in the way do not drive others that gain nothing. Where joints have limits of
+ * acceleration and the bounds keep m of A v0 from the level in the end, the steps are made once more
+ * with d^2 + L_m^2 in place of d^2, L_m being L for the damping d sqrt((m / d - 5e-5) / 0.006 rad/s):
+ * near the v that serves a blocked level best, d alone would ask for great speeds to and fro, faster
+ * than such joints can turn round. Every step is a projection on a convex set in a norm that changes
+ * continuously; where v0 keeps the bounds, all steps stay there. So the answer is continuous through
+ * the change from one form to the other too. It is not where hard rows change places with a guarded
+ * level (hierarchy.h), where a guarded level cannot be reached inside the box, or with a strict level
+ * between damped ones or two strict ones below. In the directions that the bounds leave, a singular
+ * value sigma loses (d^2 / (d^2 + sigma^2))^PROXIMAL of what is to be made up for.
  *
  * A damped level takes nothing out of Z; the last term holds later levels to what it has reached.
  * Strict levels below are held to c_j, changed as much as the bounds have changed A_j v.

@@ -17,9 +17,15 @@ double pace(double gain, double deceleration, double s)
     return copysign(sqrt(2.0 * A * size - A / gain * (A / gain)), s);
 }
 
-static double paced(const Block *block, double s)
+/* d of a row C v <= d, which lets s shrink by C v - drift: at its pace, or, where jerk is limited,
+ * as fast as a stop from now on lets it, if that is less. */
+static double paced(const Cycle *cycle, const Block *block, const double *C, double s, double drift)
 {
-    return pace(block->gain, block->deceleration, s);
+    const double most = pace(block->gain, block->deceleration, s);
+    if (!(block->jerk < INFINITY)) return most + drift;
+    const double now = dot(C, cycle->v, cycle->n) - drift, change = dot(C, cycle->a, cycle->n);
+    return drift + stopping_speed(now, change, s, most, block->deceleration, block->jerk,
+                                  block->period);
 }
 
 /* limits/joints.py: JointLimits. An angle that is NaN has no position limits. */
@@ -48,7 +54,7 @@ static void cone_row(const Cycle *cycle, const Block *block, double *C, double *
     by[0] = sine > CONE_CENTRE ? axis[1] / sine : axis[2] > 0.0 ? 0.0 : 1.0;
     by[1] = sine > CONE_CENTRE ? -axis[0] / sine : 0.0;
     for (int j = 0; j < n; ++j) C[j] = by[0] * cycle->J[3 * n + j] + by[1] * cycle->J[4 * n + j];
-    d[0] = paced(block, block->half_angle - atan2(sine, axis[2]));
+    d[0] = paced(cycle, block, C, block->half_angle - atan2(sine, axis[2]), 0.0);
 }
 
 static void depth_rows(const Cycle *cycle, const Block *block, double *C, double *d)
@@ -63,8 +69,8 @@ static void depth_rows(const Cycle *cycle, const Block *block, double *C, double
         C[j] = nu[2] - a[2], C[n + j] = a[2] - nu[2];
     }
     const double depth = block->tip_depth - r[2];
-    d[0] = paced(block, block->deepest - depth) + drift[2];
-    d[1] = paced(block, depth - block->shallowest) - drift[2];
+    d[0] = paced(cycle, block, C, block->deepest - depth, drift[2]);
+    d[1] = paced(cycle, block, C + n, depth - block->shallowest, -drift[2]);
 }
 
 /* A sphere's centre b (3) and its velocity (3), seen from the effector; limits/spheres.py. */
@@ -93,7 +99,7 @@ static void sphere_row(const Cycle *cycle, const Block *block, const double *b,
         cross(b, omega, a);
         C[j] = -side * (u[0] * (a[0] - nu[0]) + u[1] * (a[1] - nu[1]) + u[2] * (a[2] - nu[2]));
     }
-    d[0] = paced(block, side * (delta - block->reach)) + side * dot(u, drift, 3);
+    d[0] = paced(cycle, block, C, side * (delta - block->reach), side * dot(u, drift, 3));
 }
 
 static void sphere_rows(const Cycle *cycle, const Block *block, double *C, double *d)

@@ -19,9 +19,9 @@ typedef enum {
     POSTURE,   /* vectors: posture, continuous */
     OBJECTIVE, /* K_c, c_d, objective */
     JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
-    TROCAR_CONE,  /* gain, deceleration, half_angle, axis */
-    TROCAR_DEPTH, /* gain, deceleration, tip_depth, shallowest, deepest */
-    KEEP_OUT,     /* gain, deceleration, centre, velocity, on_trocar, reach, first, last */
+    TROCAR_CONE,  /* of a damper, half_angle, axis */
+    TROCAR_DEPTH, /* of a damper, tip_depth, shallowest, deepest */
+    KEEP_OUT,     /* of a damper, centre, velocity, on_trocar, reach, first, last */
     KEEP_IN,      /* the same; first is last where only that end counts */
     ENTRY_SPHERE, /* the same */
     SINGULARITY_PRODUCT, /* vectors: offsets */
@@ -42,7 +42,7 @@ enum { LOWEST, HIGHEST, SPEED, ACCELERATION, JERK, BRAKING, EASING };
 typedef struct Block {
     Kind kind;
     double period, tip_depth, K_c, c_d;
-    double gain, deceleration; /* of a damper */
+    double gain, deceleration, jerk; /* of a damper, with the period */
     double half_angle, axis[3];
     double shallowest, deepest;
     double centre[3], velocity[3];

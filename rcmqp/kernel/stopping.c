@@ -157,13 +157,11 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
     *low = rounded(v + T * *low, V), *up = rounded(v + T * *up, V);
 }
 
-double stopping_speed(double v, double a, double distance, double deceleration, double jerk,
-                      double easing, double T)
+double stopping_speed(double v, double a, double distance, double most, double deceleration,
+                      double jerk, double T)
 {
-    const double step = easing * T;
-    if (!(step < 2.0 * deceleration)) return braking_speed(distance, deceleration, T);
-    const double most = deceleration / step;
-    a = clipped(a, -deceleration, deceleration);
-    const double low = larger((a - jerk * T) / step, -most), high = (a + jerk * T) / step;
-    return v + T * step * highest(v / (step * T), low, high, distance / (step * T * T), most);
+    const double step = jerk * T, hardest = deceleration / step;
+    if (!(step < 2.0 * deceleration)) return smaller(most, braking_speed(distance, deceleration, T));
+    const double low = a / step - 1.0, high = larger(low, (most - v) / (T * step));
+    return v + T * step * highest(v / (T * step), low, high, distance / (T * T * step), hardest);
 }

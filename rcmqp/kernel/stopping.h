@@ -17,10 +17,10 @@ double braking_speed(double distance, double deceleration, double T);
 void joint_interval(const Joint *joint, double v, double a, double below, double above,
                     double *low, double *up);
 
-/* The largest speed of the next cycle from which a stop is over after `distance`, this cycle
- * included, for something that goes at v, its last change a, and may be decelerated by
- * `deceleration` with a jerk of `easing`; within what `jerk` lets it change. */
-double stopping_speed(double v, double a, double distance, double deceleration, double jerk,
-                      double easing, double T);
+/* The largest speed of the next cycle, up to `most`, from which a stop is over after `distance`,
+ * this cycle included, for something that goes at v, its last change a, and may be decelerated by
+ * `deceleration` with `jerk`; where neither can be, what these allow in the next cycle. */
+double stopping_speed(double v, double a, double distance, double most, double deceleration,
+                      double jerk, double T);
 
 #endif

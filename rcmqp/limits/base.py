@@ -195,28 +195,49 @@ class Damper(Limit):
     To slow down as gain s does takes gain^2 s, which joints with acceleration limits may not
     have. The rows are hard, but not magic: the solver then violates them as little as it can,
     at the cost of every task, the RCM too. ``deceleration`` keeps the braking distance: pace
-    goes over into the root sqrt(2 A s) where gain s would need more than A, see pace().
+    goes over into the root sqrt(2 A s) where gain s would need more than A, see pace(). With
+    ``jerk``, ds/dt is moreover no faster than a speed from which s can stop at zero, if its
+    deceleration grows by jerk T a cycle, up to A, and falls as slowly; state.v and state.a say
+    how s changes now. A limit that cannot be kept any more is left at these rates, not at once.
 
     Attributes:
         gain: [1/s].
         deceleration: A, how fast ds/dt may be asked to change [unit of s / s^2]; inf, the
             default, for joints without acceleration limits. It is for all joints together, in
             the worst direction, and what the RCM needs goes off.
+        jerk: how fast that may change [unit of s / s^3]; inf, the default, for joints without
+            jerk limits.
+        period: sampling period T [s]; only ``jerk`` asks for it.
 
     Raises:
-        OptionError: gain or deceleration is not positive.
+        OptionError: gain, deceleration or jerk is not positive, or there is a jerk without a
+            deceleration or a period.
     """
 
     gain: float = 60.0
     deceleration: float = math.inf
+    jerk: float = math.inf
+    period: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the options."""
         check_positive("gain", self.gain, "1/s")
-        if not self.deceleration > 0.0:
-            raise OptionError(
-                f"deceleration = {self.deceleration}; it must be positive, inf for none"
-            )
+        for name in ("deceleration", "jerk"):
+            if not getattr(self, name) > 0.0:
+                raise OptionError(
+                    f"{name} = {getattr(self, name)}; it must be positive, inf for none"
+                )
+        if self.jerk == math.inf:
+            return
+        check_positive("period", self.period, "s")
+        if self.deceleration == math.inf:
+            raise OptionError(f"jerk = {self.jerk} without a deceleration; give both")
+
+    @property
+    def rates(self) -> dict[str, float]:
+        """The options that every damper's Block has."""
+        names = ("gain", "deceleration", "jerk", "period")
+        return {name: getattr(self, name) for name in names}
 
     def pace(self, s: float) -> float:
         """How fast s may shrink; negative, how fast it must grow, where s is.

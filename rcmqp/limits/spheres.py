@@ -65,8 +65,7 @@ class SphereLimit(CompiledLimit, Damper):
         """Rows for the axis from ``first`` to the tip, ``reach`` from the centre or less [m]."""
         return Block(
             kind,
-            gain=self.gain,
-            deceleration=self.deceleration,
+            **self.rates,
             centre=vector3("centre", self.centre),
             velocity=vector3("velocity", self.velocity),
             on_trocar=float(self.on_trocar),

@@ -36,8 +36,7 @@ class TrocarCone(CompiledLimit, Damper):
         """One row [rad/s]."""
         return Block(
             "trocar_cone",
-            gain=self.gain,
-            deceleration=self.deceleration,
+            **self.rates,
             half_angle=self.trocar.cone_half_angle,
             axis=self.trocar.axis,
         )

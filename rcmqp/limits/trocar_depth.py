@@ -42,8 +42,7 @@ class TrocarDepth(CompiledLimit, Damper):
         shallowest, deepest = self.trocar.depth_range
         return Block(
             "trocar_depth",
-            gain=self.gain,
-            deceleration=self.deceleration,
+            **self.rates,
             tip_depth=self.tip_depth,
             shallowest=shallowest,
             deepest=deepest,

@@ -56,10 +56,10 @@ class Hierarchy:
     where j are the damped levels above, c_j = A_j v what they have reached, and C stacks A Z / d
     and the A_j Z / d_j. If that breaks a bound in the end, each damped level goes, inside the
     bounds, three proximal steps from the v without bounds towards its A v there; where the joints
-    are ``sluggish`` and bounds keep m of that from it, with d^2 (1 + m / (d 0.006)) in place of
-    d^2. With strict
-    levels above damped ones and one below, v is continuous in the levels and the bounds, but for
-    where guarded levels are not reached; see kernel/cascade.h for the formulas and constants.
+    are ``sluggish`` and bounds keep a part of that from it, with more damping, the more, the
+    larger the part. With strict levels above damped ones and one below, v is continuous in the
+    levels and the bounds, but for where guarded levels are not reached; see kernel/cascade.h for
+    the formulas and constants.
 
     A strict level below damped ones asks for less, b / (1 + m / 0.003), where these are not
     served, with m^2 = sum_j |A_j v - b_j|^2 / d_j^2.
