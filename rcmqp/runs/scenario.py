@@ -39,7 +39,7 @@ from rcmqp.runs.printable import shortened
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
-from rcmqp.world.instrument import Camera, Instrument, Trocar
+from rcmqp.world.instrument import Instrument, Mount, Trocar
 from rcmqp.world.loading import arm_names, load_arm, names_its_flange
 from rcmqp.world.motions import MOTIONS, Motion, Still
 from rcmqp.world.obstacles import Sphere
@@ -404,6 +404,7 @@ class Scenario:
         del data["limits"]
         if self.governor is None:  # files of before there were governors say the same
             del data["governor"]
+        _leave_out_straight(data["instrument"])
         if self.planner_from == "reference":  # likewise
             del data["planner_from"]
         if self.limits is not None:  # else as in files of earlier versions, whose digest stays
@@ -439,9 +440,7 @@ class Scenario:
             for part in _KINDS.keys() & data.keys() - {"path"}:
                 data[part] = _of_kind(part, data[part])
             part = "instrument"
-            instrument = dict(data["instrument"])
-            instrument["camera"] = Camera(**instrument["camera"])
-            data["instrument"] = Instrument(**instrument)
+            data["instrument"] = Instrument(**data["instrument"])
             part = "trocar"
             data["trocar"] = Trocar(**data["trocar"])
             part = "governor"
@@ -469,6 +468,15 @@ _KINDS: dict[str, tuple[Registry[Any], ...]] = {
     "plant": (PLANTS,),
 }
 """Fields of a scenario that are one of several kinds, and those kinds."""
+
+
+def _leave_out_straight(instrument: dict[str, Any]) -> None:
+    """Leave out, in place, what files of before there were mounts and angled cameras say not."""
+    if instrument["mount"] == dataclasses.asdict(Mount()):
+        del instrument["mount"]
+    for name in ("angle", "roll"):
+        if instrument["camera"][name] == 0.0:
+            del instrument["camera"][name]
 
 
 def _of_kind(name: str, data: Mapping[str, Any]) -> Any:

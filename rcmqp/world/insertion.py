@@ -68,22 +68,22 @@ class Insertion:
                 trocar's depth range, or the shaft outside its cone.
         """
         arm.check_limits(angles_start)
-        flange = arm.with_effector(pin.SE3.Identity())
+        mount = arm.with_effector(instrument.mount.placement)
         q_start = arm.configuration(angles_start)
-        oMf = flange.state(q_start).oMe
+        oMm = mount.state(q_start).oMe
         pivot = np.array(trocar.pivot)
-        seen = oMf.actInv(pivot)
+        seen = oMm.actInv(pivot)
         self.tolerance, self.trocar_offset = tolerance, float(np.hypot(seen[0], seen[1]))
         if self.trocar_offset > tolerance:
             raise TrocarOffShaft(self.trocar_offset, tolerance)
         along = float(seen[2])
         _check_depth(instrument, trocar, along)
-        _check_tilt(trocar, oMf.rotation[:, 2])
-        self.arm = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
+        _check_tilt(trocar, oMm.rotation[:, 2])
+        self.arm = arm.with_effector(instrument.on_shaft(along))
         self.instrument, self.trocar, self.obstacles = instrument, trocar, tuple(obstacles)
         self.tip_depth = instrument.tip - along
         self.angles_start, self.q_start = arm.angles(q_start), q_start
-        self.x_rcm = dq.from_se3(pin.SE3(oMf.rotation, pivot))
+        self.x_rcm = dq.from_se3(pin.SE3(oMm.rotation, pivot))
         for array in (self.angles_start, self.q_start, self.x_rcm):
             array.setflags(write=False)
 
@@ -101,9 +101,9 @@ class Insertion:
         Without ``angles_start`` the arm starts at its home.
         """
         angles = arm.home if angles_start is None else angles_start
-        oMf = arm.with_effector(pin.SE3.Identity()).state(arm.configuration(angles)).oMe
-        pivot = oMf.act(np.array([0.0, 0.0, instrument.tip - depth]))
-        return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMf.rotation[:, 2])), angles)
+        oMm = arm.with_effector(instrument.mount.placement).state(arm.configuration(angles)).oMe
+        pivot = oMm.act(np.array([0.0, 0.0, instrument.tip - depth]))
+        return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMm.rotation[:, 2])), angles)
 
     def state(
         self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None

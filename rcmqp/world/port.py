@@ -5,9 +5,6 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-import numpy as np
-import pinocchio as pin
-
 from rcmqp.errors import OptionError
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Vector3, vector3
@@ -75,12 +72,12 @@ class Port:
             tolerance = SHAFT_TOLERANCE if self.tolerance is None else self.tolerance
             depth = before.tip_depth if self.depth is None else self.depth
             stays = self.pivot is None or self.tolerance is not None
-            flange = arm.with_effector(pin.SE3.Identity()).state(before.q_start).oMe
-            shaft = vector3("shaft", flange.rotation[:, 2])
-            on_shaft = flange.act(np.array([0.0, 0.0, instrument.tip - depth]))
+            effector = arm.with_effector(instrument.on_shaft(instrument.tip - depth))
+            at = effector.state(before.q_start).oMe
+            shaft = vector3("shaft", at.rotation[:, 2])
             trocar = dataclasses.replace(
                 trocar,
-                pivot=self.pivot or vector3("pivot", on_shaft),
+                pivot=self.pivot or vector3("pivot", at.translation),
                 axis=self.axis or (shaft if stays else DOWN),
             )
             if not stays:

@@ -78,7 +78,10 @@ def surroundings(run: Run, insertion: Insertion) -> dict[str, Any]:
             "length": instrument.length,
             "radius": instrument.radius,
             "mount_offset": instrument.mount_offset,
+            "mount": _columns(instrument.mount.placement.homogeneous),
             "field_of_view": instrument.camera.field_of_view,
+            "angle": instrument.camera.angle,
+            "roll": instrument.camera.roll,
         },
         "obstacles": [
             {"centre": list(sphere.centre), "radius": sphere.radius}

@@ -94,8 +94,11 @@ function isMesh(object) {
 }
 
 /** The instrument and the camera at its tip. @param {Surroundings["instrument"]} instrument */
-function makeInstrument({ length, radius, mount_offset: offset, field_of_view: angle }) {
+function makeInstrument({ length, radius, mount_offset: offset, mount, field_of_view: field, angle, roll }) {
   const group = new THREE.Group();
+  const { position, quaternion } = placed(mount);
+  group.position.copy(position);
+  group.quaternion.copy(quaternion);
   /** @param {number} r @param {number} from @param {number} to @param {number} colour */
   const tube = (r, from, to, colour) => {
     const shape = new THREE.CylinderGeometry(r, r, to - from, 32);
@@ -111,8 +114,9 @@ function makeInstrument({ length, radius, mount_offset: offset, field_of_view: a
   tube(3.2 * radius, offset, offset + head, 0x3a3f45);
   tube(radius, offset + head, tip - 0.006, 0xa9b0b7);
   tube(1.02 * radius, tip - 0.006, tip, 0x202326);
-  const camera = new THREE.PerspectiveCamera(THREE.MathUtils.radToDeg(angle), 1, 0.0005, 5);
-  camera.rotation.x = Math.PI; // the image's y points down and z in; three.js looks along -z, y up
+  const camera = new THREE.PerspectiveCamera(THREE.MathUtils.radToDeg(field), 1, 0.0005, 5);
+  camera.rotation.x = Math.PI - angle; // the image's y points down and z in; three.js looks along -z, y up
+  camera.rotateZ(-roll);
   camera.position.z = tip;
   group.add(camera);
   return { group, camera };

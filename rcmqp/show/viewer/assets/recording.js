@@ -13,13 +13,25 @@ import { RecordedSource } from "./sources.js";
  */
 
 /**
+ * Sizes [m], the mount on the flange, column after column, and the camera [rad].
+ * @typedef {object} Instrument
+ * @property {number} length
+ * @property {number} radius
+ * @property {number} mount_offset
+ * @property {number[]} mount
+ * @property {number} field_of_view
+ * @property {number} angle
+ * @property {number} roll
+ */
+
+/**
  * What stands around the arm: surroundings() in scene.py.
  * @typedef {object} Surroundings
  * @property {number[]} pivot the trocar at first, in the world [m]
  * @property {number[]} axis of the trocar, into the patient
  * @property {number} cone_half_angle [rad]
  * @property {[number, number]} depth_range [m]
- * @property {{length: number, radius: number, mount_offset: number, field_of_view: number}} instrument [m], [rad]
+ * @property {Instrument} instrument
  * @property {Sphere[]} obstacles
  * @property {number[][]} targets tips that are asked for [m]
  * @property {(Sphere & {colour: number[]})[]} spheres that a camera task asks to be shown
