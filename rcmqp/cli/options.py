@@ -84,11 +84,12 @@ Tolerance = Annotated[
     ),
 ]
 InstrumentOption = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
         "--instrument",
         metavar="FILE",
-        help="An instrument's .toml: mount, sizes and camera; the scenario's, without it.",
+        help="An instrument's .toml: mount, sizes, camera and wrist; or large_needle_driver; the "
+        "scenario's, without it.",
     ),
 ]
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
@@ -107,7 +108,7 @@ def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
     return given if governor is None else given | {"governor": Governor() if governor else None}
 
 
-def instrument_of(file: Path | None) -> dict[str, Any]:
+def instrument_of(file: str | None) -> dict[str, Any]:
     """The instrument of a file, as load_scenario() takes it."""
     return {} if file is None else {"instrument": load_instrument(file)}
 

@@ -39,11 +39,13 @@ def with_instrument(scenario: Scenario, instrument: Instrument) -> Scenario:
         InsertionError: the shaft is too short.
     """
     before = scenario.insertion()
-    if instrument.mount == before.instrument.mount and instrument.tip == before.instrument.tip:
+    same = ("mount", "tip", "wrist")
+    if all(getattr(instrument, name) == getattr(before.instrument, name) for name in same):
         return dataclasses.replace(scenario, instrument=instrument)
-    there = Insertion.on_shaft(before.arm, instrument, before.angles_start, depth=before.tip_depth)
+    angles = before.angles_start[: before.bare.nv]
+    there = Insertion.on_shaft(before.bare, instrument, angles, depth=before.tip_depth)
     trocar = dataclasses.replace(scenario.trocar, pivot=there.trocar.pivot, axis=there.trocar.axis)
-    after = Insertion(before.arm, instrument, trocar, before.angles_start)
+    after = Insertion(before.bare, instrument, trocar, angles)
     return dataclasses.replace(_moved(scenario, before, after), instrument=instrument)
 
 

@@ -236,7 +236,7 @@ class Scenario:
         Raises:
             OptionError: the arm holds joints that load_arm() was told to hold.
         """
-        arm = insertion.arm
+        arm = insertion.bare
         if arm.source is not None and arm.source.locked:
             joint, angle = next(iter(arm.source.locked.items()))
             raise OptionError(
@@ -474,6 +474,8 @@ def _leave_out_straight(instrument: dict[str, Any]) -> None:
     """Leave out, in place, what files of before there were mounts and angled cameras say not."""
     if instrument["mount"] == dataclasses.asdict(Mount()):
         del instrument["mount"]
+    if instrument["wrist"] is None:
+        del instrument["wrist"]
     for name in ("angle", "roll"):
         if instrument["camera"][name] == 0.0:
             del instrument["camera"][name]

@@ -39,7 +39,7 @@ class Collisions:
         length = instrument.tip - start
         middle = instrument.on_shaft(start + length / 2.0)
         capsule = coal.Capsule(instrument.radius, length)
-        self._add(SHAFT, arm.model.njoints - 1, arm.jMflange * middle, capsule)
+        self._add(SHAFT, arm.last_joint, arm.jMflange * middle, capsule)
         self._data = arm.model.createData()
         self._pair()
 

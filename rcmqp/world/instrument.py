@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,7 @@ from rcmqp.maths.options import (
     finite,
     from_to,
     options,
+    or_none,
     part,
     positive,
     refused,
@@ -62,6 +64,15 @@ def _rpy(name: str, values: ArrayLike) -> Vector3:
     if max(map(abs, angles)) > 2.0 * math.pi:
         raise refused(name, values, "in rad, none beyond a whole turn; are these degrees?")
     return angles
+
+
+def _travel(name: str, values: ArrayLike) -> tuple[float, float]:
+    """Least and largest angle about zero, neither beyond two turns."""
+    array = _numbers(values)
+    good = array.shape == (2,) and array[0] <= 0.0 <= array[1] and array[0] < array[1]
+    if not good or not float(np.abs(array).max()) <= 4.0 * math.pi:
+        raise refused(name, values, "the least and the largest angle in rad, about zero")
+    return float(array[0]), float(array[1])
 
 
 def _depth_range(name: str, values: ArrayLike) -> tuple[float, float]:
@@ -129,8 +140,66 @@ class Mount:
 
 @options
 @dataclass(frozen=True, slots=True)
+class WristJoint:
+    """A turning joint between shaft and tool.
+
+    Attributes:
+        name: of the joint.
+        axis: (3,) that it turns about, as a unit vector in the axes of the straight wrist, which
+            are the shaft's.
+        position: its least and its largest angle [rad]; zero, where the wrist is straight, is
+            between them.
+        velocity: its speed limit [rad/s].
+        along: from the joint before, or from the end of the shaft, along the straight wrist [m].
+        acceleration: its limit [rad/s^2]; one is assumed without it, as of an arm.
+        jerk: likewise [rad/s^3].
+    """
+
+    name: str
+    axis: Vector3 = field(metadata=rule(unit_vector3))
+    position: tuple[float, float] = field(metadata=rule(_travel))
+    velocity: float = field(metadata=positive("rad/s"))
+    along: float = field(default=0.0, metadata=at_least(0.0, "m"))
+    acceleration: float | None = field(default=None, metadata=or_none(positive("rad/s^2")))
+    jerk: float | None = field(default=None, metadata=or_none(positive("rad/s^3")))
+
+
+def _wrist_joints(name: str, values: Iterable[Any]) -> tuple[WristJoint, ...]:
+    """Joints; mappings, as files have them, are taken for their keyword arguments."""
+    take = part(WristJoint)["rule"]
+    joints = tuple(take(name, value) for value in values)
+    if not joints:
+        raise refused(name, values, "at least one joint; an instrument without one has no wrist")
+    return joints
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Wrist:
+    """The joints between shaft and tool, such as roll, pitch and yaw.
+
+    At zero the wrist is straight, and the tool in line with the shaft.
+
+    Attributes:
+        joints: from the shaft to the tool.
+        tool: from the last joint to the tool's point, along the straight wrist [m].
+    """
+
+    joints: tuple[WristJoint, ...] = field(metadata=rule(_wrist_joints))
+    tool: float = field(default=0.0, metadata=at_least(0.0, "m"))
+
+    @property
+    def length(self) -> float:
+        """From the end of the shaft to the tool's point where the wrist is straight [m]."""
+        return sum(joint.along for joint in self.joints) + self.tool
+
+
+@options
+@dataclass(frozen=True, slots=True)
 class Instrument:
-    """A rigid shaft along its mount's z axis, with a camera at its tip.
+    """A rigid shaft along its mount's z axis, with a tool at its end.
+
+    Without a wrist the tool is the shaft's tip, and the camera looks out of it.
 
     Attributes:
         length: of the shaft [m]; 10 mm laparoscopes are 0.30 to 0.35 m long.
@@ -138,6 +207,7 @@ class Instrument:
         mount_offset: where the shaft begins, along the mount's z [m].
         camera: at the tip.
         mount: on the flange; the flange itself without it.
+        wrist: joints between the shaft and the tool; None for a tool that is fixed to the shaft.
     """
 
     length: float = field(default=0.33, metadata=positive("m"))
@@ -145,11 +215,17 @@ class Instrument:
     mount_offset: float = field(default=0.0, metadata=at_least(0.0, "m"))
     camera: Camera = field(default_factory=Camera, metadata=part(Camera))
     mount: Mount = field(default_factory=Mount, metadata=part(Mount))
+    wrist: Wrist | None = field(default=None, metadata=or_none(part(Wrist)))
+
+    @property
+    def end(self) -> float:
+        """Distance of the shaft's end from the mount, along the shaft [m]."""
+        return self.mount_offset + self.length
 
     @property
     def tip(self) -> float:
-        """Distance of the tip from the mount, along the shaft [m]."""
-        return self.mount_offset + self.length
+        """Distance of the tip from the mount, along the shaft [m]; with a straight wrist."""
+        return self.end if self.wrist is None else self.end + self.wrist.length
 
     def on_shaft(self, along: float) -> pin.SE3:
         """The point of the shaft ``along`` [m] from the mount, seen from the flange."""

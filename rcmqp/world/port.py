@@ -64,7 +64,7 @@ class Port:
             TrocarOffShaft: the pivot is farther off the shaft than the tolerance.
             InsertionError: no start was found, or depth or cone do not fit.
         """
-        arm, instrument, angles = before.arm, before.instrument, before.angles_start
+        arm, instrument, angles = before.bare, before.instrument, before.angles_start
         trocar, tolerance = before.trocar, before.tolerance
         if self.cone is not None:
             trocar = dataclasses.replace(trocar, cone_half_angle=self.cone)

@@ -43,10 +43,11 @@ class ImageHand:
             scale: s, tip over hand.
 
         Raises:
-            OptionError: the scale is not positive and finite.
+            OptionError: the scale is not positive and finite, or the instrument has a wrist.
         """
         if not 0.0 < scale < math.inf:
             raise OptionError(f"scale = {scale}, it must be positive and finite")
+        insertion.check_camera_on_shaft("a hand in front of the picture")
         trocar, instrument = insertion.trocar, insertion.instrument
         x, y, z = insertion.from_start((0.0, 0.0, 1.0))
         a, b, c = trocar.axis

@@ -54,8 +54,9 @@ class Eyes:
         """In front of the camera of an insertion.
 
         Raises:
-            OptionError: the camera does not look straight along the shaft.
+            OptionError: the camera does not look straight along the shaft, or a wrist moves it.
         """
+        insertion.check_camera_on_shaft("a camera task")
         camera = insertion.instrument.camera
         if camera.angle or camera.roll:
             raise OptionError(
