@@ -49,7 +49,7 @@ class OrientationTask(CompiledTask):
         r = np.array(self.orientation, dtype=float)
         if r.shape != (4,) or not abs(float(np.linalg.norm(r)) - 1.0) <= UNIT:
             raise OptionError(
-                f"orientation = {self.orientation}; it must be a unit quaternion, w first"
+                f"orientation = {self.orientation!r}; it must be a unit quaternion, w first"
             )
         _ = self.block  # made now: the array that was given may be written to later
 

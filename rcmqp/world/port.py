@@ -73,7 +73,7 @@ class Port:
             depth = before.tip_depth if self.depth is None else self.depth
             stays = self.pivot is None or self.tolerance is not None
             effector = arm.with_effector(instrument.on_shaft(instrument.tip - depth))
-            at = effector.state(before.q_start).oMe
+            at = effector.state(arm.configuration(angles[: arm.nv])).oMe
             shaft = vector3("shaft", at.rotation[:, 2])
             trocar = dataclasses.replace(
                 trocar,

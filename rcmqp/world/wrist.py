@@ -23,10 +23,15 @@ def with_wrist(arm: Arm, instrument: Instrument) -> Arm:
     The shaft stays on the arm's last joint, the tool is on the wrist's last one.
 
     Raises:
-        OptionError: a joint of the arm has the name of one of the wrist.
+        OptionError: the arm has a wrist already, or a joint that is called as one of the wrist.
     """
     wrist = instrument.wrist
-    if wrist is None or arm.wrist is not None:
+    if arm.wrist is not None:
+        raise OptionError(
+            f"{arm.name} has the joints of a wrist already; give the arm alone, which is "
+            "insertion.bare"
+        )
+    if wrist is None:
         return arm
     model, parent = arm.model.copy(), arm.last_joint
     _set_limits(model, arm)
@@ -57,7 +62,7 @@ def with_wrist(arm: Arm, instrument: Instrument) -> Arm:
         source=arm.source,
         wrist=wrist,
     )
-    return made if arm.assumed else made.confirmed()
+    return made.confirmed() if arm.is_confirmed else made
 
 
 def _set_limits(model: pin.Model, arm: Arm) -> None:

@@ -22,6 +22,7 @@ import { RecordedSource } from "./sources.js";
  * @property {number} field_of_view
  * @property {number} angle
  * @property {number} roll
+ * @property {number[]} wrist from each of its joints to the next, and from the last to the tool
  */
 
 /**
@@ -43,7 +44,8 @@ import { RecordedSource } from "./sources.js";
  * The arm: kinematics() and commands() in scene.py.
  * @typedef {object} ArmShape
  * @property {{name: string, placement: number[], linear: number[], angular: number[]}[]} joints
- * @property {number[]} flange its placement on the last joint, column after column
+ * @property {number[]} flange its placement on its joint, column after column
+ * @property {number} flange_joint counted from 1; joints beyond are those of the wrist
  * @property {Uint8Array[]} commands Meshcat's, which build the arm
  * @property {{path: string[], colour: number[]}[]} parts
  */
