@@ -301,7 +301,8 @@ def test_what_is_assumed_of_an_arm_is_said(call: Call) -> None:
 
 def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call) -> None:
     short = (*SHORT, "--arm", "ur5")
-    words = "feed-forward: no, joint limits enforced: none, T = 10 ms, K = 60 1/s, limits assumed"
+    words = "feed-forward: no, roll controlled: yes, joint limits enforced: none, "
+    words += "T = 10 ms, K = 60 1/s, limits assumed"
     assert f"{words}: acceleration and jerk\n" in call(*short)[1]
     given = ("--acceleration", "8", "--jerk", "inf,9,9,9,9,9")
     _, out, _ = call(*short, *given)
@@ -310,6 +311,7 @@ def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call
     assert found["assumed"] == []
     assert found["given"] == {
         "feed_forward": "no",
+        "roll": "yes",
         "limits_enforced": "none",
         "period_ms": "10",
         "gain": "60",

@@ -10,7 +10,7 @@ from rcmqp.runs.run import Run
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.world.loading import arm_names, load_arm
 
-GIVEN = ("feed_forward", "limits_enforced", "period_ms", "gain", "assumed")
+GIVEN = ("feed_forward", "roll", "limits_enforced", "period_ms", "gain", "assumed")
 """Measures of given_cells(), in the order of columns."""
 
 TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits")
@@ -22,6 +22,7 @@ def given_cells(head: Head) -> dict[str, str]:
     given = head.given
     return {
         "feed_forward": given.feed_forward_text,
+        "roll": given.roll_text,
         "limits_enforced": given.limits_text,
         "period_ms": f"{1e3 * head.scenario.period:g}",
         "gain": given.gain_text,
