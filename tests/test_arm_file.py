@@ -241,4 +241,4 @@ def test_the_command_line_shows_what_was_loaded_and_assumed(
         assert words in shown
     with pytest.raises(SystemExit):
         main(["run", "circle", "--arm", str(path), "--duration", "0.05", "--json"])
-    assert json.loads(capsys.readouterr().out)["arm"] == str(path)
+    assert json.loads(capsys.readouterr().out)["arm"] == path.name

@@ -301,7 +301,8 @@ def test_what_is_assumed_of_an_arm_is_said(call: Call) -> None:
 
 def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call) -> None:
     short = (*SHORT, "--arm", "ur5")
-    words = "feed-forward: no, joint limits enforced: none, T = 10 ms, K = 60 1/s, limits assumed"
+    words = "feed-forward: no, roll controlled: yes, joint limits enforced: none, "
+    words += "T = 10 ms, K = 60 1/s, limits assumed"
     assert f"{words}: acceleration and jerk\n" in call(*short)[1]
     given = ("--acceleration", "8", "--jerk", "inf,9,9,9,9,9")
     _, out, _ = call(*short, *given)
@@ -310,6 +311,7 @@ def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call
     assert found["assumed"] == []
     assert found["given"] == {
         "feed_forward": "no",
+        "roll": "yes",
         "limits_enforced": "none",
         "period_ms": "10",
         "gain": "60",
@@ -536,12 +538,14 @@ def test_a_json_scenario_has_its_own_arm(call: Call, tmp_path: Path) -> None:
     file = tmp_path / "mine.json"
     file.write_text(load_scenario("conical_helix", "ur5", duration=0.05).to_json())
     assert read_json(call("run", str(file), "--json")[1])["arm"] == "ur5"
-    assert "names its own arm, ur5" in call("run", str(file), "--arm", "panda")[2]
+    assert "has its own arm, ur5" in call("run", str(file), "--arm", "panda")[2]
     file.write_text("{}")
     assert str(file) in call("run", str(file))[2].replace("\n", "")
 
 
-def test_figures_of_a_run_need_the_urdf_that_it_was_made_with(call: Call, tmp_path: Path) -> None:
+def test_figures_of_a_run_are_of_the_urdf_that_it_was_made_with(
+    call: Call, tmp_path: Path
+) -> None:
     urdf = load_arm("lwa3").urdf
     assert urdf is not None
     own, file, folder = tmp_path / "own.urdf", tmp_path / "run.h5", str(tmp_path / "figures")
@@ -549,8 +553,9 @@ def test_figures_of_a_run_need_the_urdf_that_it_was_made_with(call: Call, tmp_pa
     call(*SHORT, "--arm", str(own), "--flange", "flange", "--out", str(file))
     assert call("show", str(file), "--figures", folder)[0] == 0
     assert "cannot be made" in call("show", str(file), "--figures", str(file))[2]
-    own.write_text(urdf.read_text() + "<!-- changed -->")
-    assert "has changed since the run was made" in call("show", str(file), "--figures", folder)[2]
+    own.write_text(urdf.read_text().replace('velocity="', 'velocity="1'))
+    assert call("show", str(file), "--figures", folder)[0] == 0
+    assert call("view", str(file), "--no-open", "--html", str(tmp_path / "run.html"))[0] == 0
 
 
 def test_python_dash_m_is_the_command_line() -> None:

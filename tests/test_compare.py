@@ -143,7 +143,7 @@ def test_no_run_takes_the_file_of_another(jobs: int, tmp_path: Path) -> None:
         if row.file:
             run = Run.load(tmp_path / "out" / row.file)
             assert run.digest == row.digest
-            assert run.scenario.arm == (case.arm or "lwa3")
+            assert run.scenario.arm == Path(case.arm or "lwa3").name
             assert run.period == case.changes.get("period", 0.001)
             assert run.options["gain"] == (30.0 if "gain" in case.controller else 60.0)
 
@@ -267,8 +267,9 @@ SETTINGS = {
 def test_each_table_says_what_each_controller_was_given() -> None:
     for table in tables([made(setting) for setting in SETTINGS]):
         heads = table.heads
-        assert heads[:3] == ["controller", "feed-forward", "joint limits enforced"]
-        assert [tuple(row[1:3]) for row in table.rows] == list(SETTINGS.values())
+        assert heads[:4] == ["controller", "feed-forward", "roll", "joint limits enforced"]
+        assert [(row[1], row[3]) for row in table.rows] == list(SETTINGS.values())
+        assert [row[2] for row in table.rows] == ["yes"] * (len(SETTINGS) - 1) + ["no"]
         gains = [row[heads.index("K [1/s]")] for row in table.rows]
         assert gains == ["60"] * (len(SETTINGS) - 1) + ["30"]
         assert table.rows[-1][0] == "task_priority, rcm_gain=20"
@@ -281,7 +282,10 @@ def test_a_law_that_says_nothing_was_given_nothing_that_is_known() -> None:
     short = load_scenario("conical_helix", "ur5", duration=0.02)
     run = simulate(short, make_controller("damped", short.insertion(), short.period))
     (table, *_) = tables([row_of(dataclasses.replace(run, given=UNKNOWN))])
-    assert "feed-forward: not said, joint limits enforced: not said" in table.title
+    assert (
+        "feed-forward: not said, roll controlled: not said, joint limits enforced: not said"
+        in table.title
+    )
 
 
 def test_one_controller_on_several_arms_is_one_table_and_several_have_one_for_each_arm() -> None:
@@ -290,8 +294,8 @@ def test_one_controller_on_several_arms_is_one_table_and_several_have_one_for_ea
     several = tables([*one, *(made("pose_error", arm=arm) for arm in ("ur5", "panda"))])
     assert [table.title.split(", ")[1] for table in several] == ["on ur5"] * 3 + ["on panda"] * 3
     assert [len(table.rows) for table in several] == [2] * 6
-    given = ["controller", "feed-forward", "joint limits enforced"]  # the same for both
-    assert [list(table.heads[:3]) for table in several] == [given] * 6
+    given = ["controller", "feed-forward", "roll", "joint limits enforced"]  # the same for both
+    assert [list(table.heads[:4]) for table in several] == [given] * 6
 
 
 def test_no_word_is_cut_in_the_terminal(
@@ -345,21 +349,27 @@ def test_the_table_of_a_moving_trocar_says_why_two_laws_differ(
     """In the terminal, read by itself: the same law, and what decides is in the same line."""
     monkeypatch.setattr("rcmqp.experiments.compare._draw", lambda folder, stem, files: None)
     monkeypatch.setattr(console, "out", Console(width=120, emoji=False))
-    laws = ["-c", "damped", "-c", "damped:feed_forward=true", "-c", "hierarchical_qp"]
+    laws = ["-c", "damped", "-c", "damped:feed_forward=true"]
+    laws += ["-c", "hierarchical_qp", "-c", "task_priority"]
     with pytest.raises(SystemExit):
         main(["compare", "-s", "moving_trocar", "--period", "0.008", *laws, "-o", str(tmp_path)])
     text = capsys.readouterr().out
     assert max(len(line) for line in text.splitlines() if str(tmp_path) not in line) <= 120
     assert "\u2026" not in text  # nothing is cut
     lines = [
-        line.split() for line in text.splitlines() if line.strip().startswith(("damped", "hier"))
+        line.split()
+        for line in text.splitlines()
+        if line.strip().startswith(("damped", "hier", "task"))
     ]
-    assert [line[:3] for line in lines[:3]] == [
-        ["damped", "no", "none"],
-        ["damped", "yes", "none"],
-        ["hierarchical_qp", "yes", "all"],
+    assert [line[:4] for line in lines[:4]] == [
+        ["damped", "no", "yes", "none"],
+        ["damped", "yes", "yes", "none"],
+        ["hierarchical_qp", "yes", "yes", "all"],
+        ["task_priority", "no", "no", "none"],
     ]
-    without, with_it, qp = (float(line[5]) for line in lines[:3])  # RCM max [mm]
+    without, with_it, qp = (float(line[6]) for line in lines[:3])  # RCM max [mm]
+    turned = [float(line[5]) for line in lines[:4]]  # orientation rms [mrad]
+    assert max(turned[:3]) < 0.1 < turned[3]
     assert without > 0.5
     assert max(with_it, qp) < 0.02
 

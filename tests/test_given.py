@@ -108,9 +108,10 @@ def test_a_file_keeps_what_was_given_and_an_earlier_one_does_not_say(tmp_path: P
     name, options = controller_of(law)
     run = simulate(short, make_controller(name, short.insertion(), short.period, **options))
     run.save(tmp_path / "run.h5")
-    assert Run.load(tmp_path / "run.h5").given == Given(True, ("speed",), "by scaling", 30.0)
+    assert Run.load(tmp_path / "run.h5").given == Given(True, ("speed",), "by scaling", 30.0, True)
     assert given_cells(Run.load(tmp_path / "run.h5").head) == {
         "feed_forward": "yes",
+        "roll": "yes",
         "limits_enforced": "speed by scaling",
         "period_ms": "8",
         "gain": "30",

@@ -196,7 +196,7 @@ def test_no_run_is_refused() -> None:
 
 def test_an_arm_that_is_not_here_is_named(run: Run) -> None:
     for arm, why in (("/nowhere/arm.urdf", "no such file"), ("lwa9", "did you mean lwa3")):
-        scenario = dataclasses.replace(run.scenario, arm=arm)
+        scenario = dataclasses.replace(run.scenario, arm=arm, carried_arm=None)
         with pytest.raises(ViewError, match=rf"'{arm}' is not the one .*{why}"):
             page([dataclasses.replace(run, scenario=scenario)])
     with pytest.raises(ViewError, match="has changed since the run was made"):

@@ -20,7 +20,7 @@ LOCAL = "127.0.0.1"
 
 def live(
     scenario: Annotated[
-        str, typer.Argument(help="Name (see rcmqp scenarios), or a .py or .json file.")
+        str, typer.Argument(help="Name (see rcmqp scenarios), or a .py, .json or .h5 file.")
     ] = "camera_task",
     arm: Annotated[
         str | None,

@@ -41,7 +41,7 @@ from rcmqp.world.loading import arm_names
 
 def run(
     scenario: Annotated[
-        str, typer.Argument(help="Name (see rcmqp scenarios), or a .py or .json file.")
+        str, typer.Argument(help="Name (see rcmqp scenarios), or a .py, .json or .h5 file.")
     ],
     arm: Annotated[
         str | None,

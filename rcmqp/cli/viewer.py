@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,13 @@ CameraOption = Annotated[
     str,
     typer.Option(help="scene: the arm; endoscope: its own image; page: scene, scope and plots."),
 ]
+ArmOption = Annotated[
+    str | None,
+    typer.Option("--arm", "-a", help="Draw this file of the arm, whose meshes are here."),
+]
+FlangeOption = Annotated[
+    str | None, typer.Option("--flange", help="With a URDF: the frame that carries the scope.")
+]
 SizeOption = Annotated[
     str | None, typer.Option(metavar="WIDTHxHEIGHT", help="In pixels, such as 1280x800.")
 ]
@@ -30,6 +38,8 @@ def view(
         Path | None, typer.Option("--html", help="File to write; a temporary one without it.")
     ] = None,
     dark: Dark = False,
+    arm: ArmOption = None,
+    flange: FlangeOption = None,
     show: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
@@ -54,7 +64,7 @@ def view(
         check_ending(page, *ENDINGS)
         if page.resolve() in [file.resolve() for file in files]:
             raise OptionError(f"{page} is one of the runs; give another file with --html")
-    runs = [Run.load(file) for file in files]
+    runs = _loaded(files, arm, flange)
     if page is not None:
         written = write_page(runs, page, dark=dark)
     else:
@@ -77,6 +87,8 @@ def snapshot(
     camera: CameraOption = "scene",
     size: SizeOption = None,
     dark: Dark = False,
+    arm: ArmOption = None,
+    flange: FlangeOption = None,
 ) -> None:
     """Draw runs at one time into a picture, without a display; needs Chromium and playwright.
 
@@ -88,7 +100,7 @@ def snapshot(
     """
     from rcmqp.show.viewer import capture
 
-    runs = [Run.load(each) for each in files]
+    runs = _loaded(files, arm, flange)
     written = capture.snapshot(runs, file, time=time, camera=camera, size=_size(size), dark=dark)
     console.print_written(written)
 
@@ -100,6 +112,8 @@ def video(
     speed: Annotated[float, typer.Option(help="2 is twice as fast as the run.")] = 1.0,
     size: SizeOption = None,
     dark: Dark = False,
+    arm: ArmOption = None,
+    flange: FlangeOption = None,
 ) -> None:
     """Draw runs into a video, without a display; needs Chromium, playwright and ffmpeg.
 
@@ -109,7 +123,7 @@ def video(
     """
     from rcmqp.show.viewer import capture
 
-    runs = [Run.load(each) for each in files]
+    runs = _loaded(files, arm, flange)
     with console.bar(quiet=False) as advance:
         written = capture.video(
             runs,
@@ -121,6 +135,16 @@ def video(
             progress=lambda done, total: advance(str(file), done, total),
         )
     console.print_written(written)
+
+
+def _loaded(files: Sequence[Path], arm: str | None, flange: str | None) -> list[Run]:
+    """The runs, drawn with another file of their arm if one is given."""
+    runs = [Run.load(file) for file in files]
+    if arm is None:
+        if flange is not None:
+            raise OptionError("--flange goes with --arm and a URDF")
+        return runs
+    return [run.drawn_with(arm, flange) for run in runs]
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

@@ -81,6 +81,7 @@ class Aghakhani(Controller):
 
     name: ClassVar[str] = "aghakhani"
     enforces: ClassVar[tuple[str, ...] | None] = ()
+    holds_roll: ClassVar[bool | None] = False
 
     gain: float = field(default=60.0, metadata=bounded_gain())
     rcm_gain: float = field(default=60.0, metadata=bounded_gain())

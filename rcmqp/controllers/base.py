@@ -77,6 +77,7 @@ class Controller(abc.ABC):
         diagnostics: unit and meaning of each number that a Command's diagnostics hold.
         enforces: which of the arm's joint limits the law enforces, of JOINT_LIMITS; None does not
             say. Tables name them, see ``given``.
+        holds_roll: whether the law controls the instrument's roll about its shaft, likewise.
         insertion: what is controlled.
         moves_wrist: whether the law knows of a tool that a wrist turns.
         period: sampling period T [s].
@@ -86,6 +87,7 @@ class Controller(abc.ABC):
     moves_wrist: ClassVar[bool] = False
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {}
     enforces: ClassVar[tuple[str, ...] | None] = None
+    holds_roll: ClassVar[bool | None] = None
 
     insertion: Insertion
     period: float = field(metadata=positive("s"))
@@ -124,11 +126,12 @@ class Controller(abc.ABC):
     def given(self) -> Given:
         """What the controller is given; every table, page and figure of its runs says it.
 
-        It is known of ``feed_forward``, ``gain`` and ``enforces``. A law whose options change more
-        than that overrides this property.
+        It is known of ``feed_forward``, ``gain``, ``enforces`` and ``holds_roll``. A law whose
+        options change more than that overrides this property.
         """
         gain = getattr(self, "gain", None)
-        return Given(getattr(self, "feed_forward", None), self.enforces, gain=gain)
+        ahead = getattr(self, "feed_forward", None)
+        return Given(ahead, self.enforces, gain=gain, roll=self.holds_roll)
 
     def reset(self) -> None:  # noqa: B027  (most controllers keep nothing)
         """Forget the run so far."""

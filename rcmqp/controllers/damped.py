@@ -62,6 +62,7 @@ class Damped(Controller):
 
     name: ClassVar[str] = "damped"
     enforces: ClassVar[tuple[str, ...] | None] = ()
+    holds_roll: ClassVar[bool | None] = True
 
     gain: float = field(default=60.0, metadata=bounded_gain())
     lambda_max: float = field(default=0.05, metadata=positive())

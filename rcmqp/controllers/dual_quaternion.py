@@ -98,6 +98,7 @@ class DualQuaternion(Controller):
 
     name: ClassVar[str] = "dual_quaternion"
     enforces: ClassVar[tuple[str, ...] | None] = ()
+    holds_roll: ClassVar[bool | None] = True
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
         "objective": ("1", "value of the objective c(theta)"),
         "sigma_6_of_N": ("m, rad", "sixth singular value of N: about half of singular_value"),

@@ -13,6 +13,8 @@ JOINT_LIMITS = ("position", "speed", "acceleration", "jerk")
 NOT_SAID = "not said"
 """Stands in a table for what a controller, or a run's file of an earlier version, does not say."""
 
+_WORDS = {True: "yes", False: "no", None: NOT_SAID}
+
 
 @dataclass(frozen=True, slots=True)
 class Given:
@@ -24,17 +26,25 @@ class Given:
         limits: which of JOINT_LIMITS the law enforces; None if the controller does not say.
         way: how it enforces them, if not as bounds of an optimum.
         gain: K [1/s]; None if the controller has no single one.
+        roll: whether the law controls the instrument's roll about its shaft; None if the
+            controller does not say.
     """
 
     feed_forward: bool | None = None
     limits: tuple[str, ...] | None = None
     way: str = ""
     gain: float | None = None
+    roll: bool | None = None
+
+    @property
+    def roll_text(self) -> str:
+        """``yes``, ``no`` or NOT_SAID."""
+        return _WORDS[self.roll]
 
     @property
     def feed_forward_text(self) -> str:
         """``yes``, ``no`` or NOT_SAID."""
-        return {True: "yes", False: "no", None: NOT_SAID}[self.feed_forward]
+        return _WORDS[self.feed_forward]
 
     @property
     def limits_text(self) -> str:
@@ -64,8 +74,9 @@ class Given:
         data = json.loads(text)
         limits = data.pop("limits")
         found = cls(**data, limits=None if limits is None else tuple(limits))
-        if not (found.feed_forward is None or isinstance(found.feed_forward, bool)):
-            raise ValueError(f"feed_forward = {found.feed_forward!r:.50} must be true or false")
+        for name, value in (("feed_forward", found.feed_forward), ("roll", found.roll)):
+            if not (value is None or isinstance(value, bool)):
+                raise ValueError(f"{name} = {value!r:.50} must be true or false")
         if unknown := set(found.limits or ()) - set(JOINT_LIMITS):
             raise ValueError(f"limits: {sorted(unknown)[0]!r:.50} is none of {JOINT_LIMITS}")
         if not isinstance(found.way, str) or len(found.way) > 1000:

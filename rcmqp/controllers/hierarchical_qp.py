@@ -198,11 +198,16 @@ class HierarchicalQP(Controller):
 
     @property
     def given(self) -> Given:
-        """The limits are those of its JointLimits; levels of one's own have gains of their own."""
+        """The limits are those of its JointLimits; levels of one's own may be anything else."""
         boxes = [limit for limit in self._stack.limits if isinstance(limit, JointLimits)]
         count = max((4 if box.acceleration else 2 for box in boxes), default=0)
-        gain = self.gain if self.levels is None else None
-        return dataclasses.replace(super().given, limits=JOINT_LIMITS[:count], gain=gain)
+        own = self.levels is not None
+        return dataclasses.replace(
+            super().given,
+            limits=JOINT_LIMITS[:count],
+            gain=None if own else self.gain,
+            roll=None if own else True,
+        )
 
     def reset(self) -> None:
         """Forget the solver's warm start."""

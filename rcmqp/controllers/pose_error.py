@@ -47,6 +47,7 @@ class PoseError(Controller):
 
     name: ClassVar[str] = "pose_error"
     enforces: ClassVar[tuple[str, ...] | None] = ()
+    holds_roll: ClassVar[bool | None] = True
 
     gain: float = field(default=60.0, metadata=bounded_gain())
     tolerance: float = field(default=1e-3, metadata=between(0.0, 1.0))

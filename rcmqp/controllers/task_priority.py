@@ -68,6 +68,7 @@ class TaskPriority(Controller):
 
     name: ClassVar[str] = "task_priority"
     enforces: ClassVar[tuple[str, ...] | None] = ()
+    holds_roll: ClassVar[bool | None] = False
 
     gain: float = field(default=60.0, metadata=bounded_gain())
     rcm_gain: float = field(default=60.0, metadata=bounded_gain(or_zero=True))

@@ -86,6 +86,7 @@ class VfiQP(Controller):
 
     name: ClassVar[str] = "vfi_qp"
     enforces: ClassVar[tuple[str, ...] | None] = ("position",)
+    holds_roll: ClassVar[bool | None] = True
 
     gain: float = field(default=60.0, metadata=bounded_gain())
     alpha: float = field(default=0.999, metadata=between(0.0, 1.0))

@@ -48,6 +48,7 @@ class WeightedQP(Controller):
 
     name: ClassVar[str] = "weighted_qp"
     enforces: ClassVar[tuple[str, ...] | None] = JOINT_LIMITS
+    holds_roll: ClassVar[bool | None] = True
     feed_forward: ClassVar[bool] = True
 
     gain: float = field(default=60.0, metadata=bounded_gain())

@@ -51,7 +51,7 @@ feed-forward; and where the arm is too slow, with speed limits."""
 FIGURES = ("fig2_trajectories", "fig3_errors", "errors_beside_hierarchical_qp", "errors_too_fast")
 PAPER_RCM_MAX_MM = 0.05
 
-_PAPER_GIVEN = {"feed_forward": "no", "limits_enforced": "none", "gain": "60"}
+_PAPER_GIVEN = {"feed_forward": "no", "roll": "yes", "limits_enforced": "none", "gain": "60"}
 
 _ROWS = {
     "rcm_max_mm": f"< {PAPER_RCM_MAX_MM}",

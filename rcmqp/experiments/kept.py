@@ -41,7 +41,7 @@ def kept_run(file: Path, scenario: Scenario, controller: Controller) -> Run | No
         return None
     arm = controller.insertion.arm
     if (head.scenario.to_json(), head.controller, head.urdf_sha256, dict(head.versions)) != (
-        scenario.to_json(),
+        scenario.portable().to_json(),
         controller.name,
         arm.sha256,
         versions(),

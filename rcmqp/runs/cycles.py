@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from rcmqp.runs.channels import CHANNELS, PART
 from rcmqp.runs.derived import Derived
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
+from rcmqp.world.carried import CarriedArm
 from rcmqp.world.insertion import Insertion
 
 ROW = (*(name for name, channel in CHANNELS.items() if channel.source == "cycle"), "J")
@@ -70,6 +72,8 @@ class Cycles:
         """
         arm = controller.insertion.arm
         self._scenario, self._controller, self._versions = scenario, controller, dict(versions)
+        if (carried := CarriedArm.of(arm)) is not None:
+            self._scenario = dataclasses.replace(scenario.portable(), carried_arm=carried)
         self._derived = Derived(scenario, controller.insertion)
         sizes = {"n": 1, "nq": arm.nq, "nv": arm.nv}
         self.shapes = {name: CHANNELS[name].sizes(**sizes)[1:] for name in ROW if name != "J"}
@@ -148,6 +152,7 @@ class Cycles:
             jerk_limit=arm.jerk,
             assumed=tuple(sorted(arm.assumed)),
             given=controller.given,
+            arm=self._scenario.carried_arm,
             **rows,
             solve_time=np.array(self._times),
             diagnostics=diagnostics,

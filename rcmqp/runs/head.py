@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import os
@@ -18,6 +19,7 @@ from rcmqp.errors import RunFileError
 from rcmqp.files import check_writable
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.untrusted import datasets, json_of, reading, text, text_of, whole_number
+from rcmqp.world.carried import CarriedArm
 
 if TYPE_CHECKING:
     import h5py
@@ -59,6 +61,12 @@ class Head:
     stops: Mapping[str, Sequence[int]]
     assumed: Sequence[str] = ()
     given: Given = UNKNOWN
+    arm: CarriedArm | None = None
+
+    @property
+    def _portable(self) -> Scenario:
+        """The scenario as the file has it; files without an arm name it by its path."""
+        return self.scenario if self.arm is None else self.scenario.portable()
 
     def digest(self, arrays: Mapping[str, Rows], block: int) -> str:
         """SHA-256 over arrays, read ``block`` rows at a time, and head; versions do not count.
@@ -78,7 +86,7 @@ class Head:
             for first in range(0, array.shape[0], block):
                 sha.update(np.ascontiguousarray(array[first : first + block]).tobytes())
         sha.update(json.dumps(tuple(self.joints)).encode())
-        sha.update(self.scenario.to_json().encode())
+        sha.update(self._portable.to_json().encode())
         sha.update(self.urdf_sha256.encode())
         sha.update(json.dumps([self.controller, dict(self.options)], sort_keys=True).encode())
         if self.stops:
@@ -86,7 +94,9 @@ class Head:
         if self.assumed:
             sha.update(json.dumps(tuple(self.assumed)).encode())
         if self.given != UNKNOWN:
-            sha.update(self.given.to_json().encode())
+            said = json.loads(self.given.to_json())
+            del said["roll"]  # of which earlier versions did not speak
+            sha.update(json.dumps(said).encode())
         return sha.hexdigest()
 
     @classmethod
@@ -108,6 +118,14 @@ class Head:
         with reading(path, "given"):
             known = "given" in file.attrs
             given = Given.from_json(text_of(path, file, "given")) if known else UNKNOWN
+        arm = None
+        if "arm" in file:
+            with reading(path, "arm"):
+                said_of_it = text(path, "arm", file["arm"][()])
+                arm = CarriedArm.from_json(said_of_it, path.absolute().parent)
+                if arm.name != scenario.arm:
+                    raise ValueError(f"{arm.name!r:.50} is not the scenario's, {scenario.arm:.50}")
+                scenario = dataclasses.replace(scenario, carried_arm=arm)
         stops = {}
         if "stops" in file:
             with reading(path, "stops"):
@@ -122,6 +140,7 @@ class Head:
             stops=stops,
             assumed=tuple(said("assumed", list, "[]")),
             given=given,
+            arm=arm,
         )
         with reading(path, "its names"):
             head._check(path)
@@ -164,7 +183,9 @@ class Head:
         file.create_dataset("stops", data=json.dumps(self.stops))
         file.attrs["format"] = FORMAT
         file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["scenario"] = self.scenario.to_json()
+        file.attrs["scenario"] = self._portable.to_json()
+        if self.arm is not None:
+            file.create_dataset("arm", data=self.arm.to_json())
         file.attrs["controller"] = self.controller
         file.attrs["options"] = json.dumps(dict(self.options))
         file.attrs["versions"] = json.dumps(dict(self.versions))
@@ -216,7 +237,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
                 raise RunFileError(
                     path, f"has format version {version}, this rcmqp reads {FORMAT_VERSION}"
                 )
-            datasets(path, file, ("diagnostics",), ("stops",))
+            datasets(path, file, ("diagnostics",), ("stops", "arm"))
             yield file
 
 

@@ -16,6 +16,7 @@ from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.head import Head, opened
 from rcmqp.runs.port import at_port, with_instrument
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
@@ -54,9 +55,10 @@ def load_scenario(
 
     Args:
         name: a name out of scenario_names(), hyphens as good as underscores; or a .py file like
-            those in the scenarios folder; or a .json file that holds Scenario.to_json().
+            those in the scenarios folder; or a .json file that holds Scenario.to_json(); or the
+            .h5 file of a run, whose scenario and arm it is.
         arm: a name that load_arm() knows, or the path of an arm's file or of a URDF; without it,
-            the scenario's own. A .json file has its arm already.
+            the scenario's own. A .json or .h5 file has its arm already.
         flange: with a URDF, the frame that carries the instrument.
         acceleration: limits of the joints in place of the arm's own, one number for all joints or
             one for each [rad/s^2].
@@ -70,10 +72,10 @@ def load_scenario(
         OptionError: the file is no scenario, or a value is not allowed.
         RcmqpError: the arm cannot be loaded.
     """
-    if name.endswith(".json"):
+    if name.endswith((".json", ".h5")):
         scenario = _read(Path(name))
         if arm is not None or flange is not None:
-            raise OptionError(f"{name} names its own arm, {scenario.arm}; edit the file instead")
+            raise OptionError(f"{name} has its own arm, {scenario.arm}; leave --arm out")
     else:
         if arm is not None and arm not in arm_names() and Path(arm).is_file():
             arm = str(Path(arm).resolve())
@@ -173,7 +175,7 @@ def own_arm(name: str) -> str:
     Raises:
         RcmqpError: there is no such scenario.
     """
-    if name.endswith(".json"):
+    if name.endswith((".json", ".h5")):
         return _read(Path(name)).arm
     return _default_arm(scenario_module(name))
 
@@ -185,6 +187,9 @@ def _default_arm(module: ModuleType) -> str:
 
 
 def _read(file: Path) -> Scenario:
+    if file.suffix == ".h5":
+        with opened(file) as run:
+            return _known(Head.read(run).scenario)
     try:
         if not file.is_file():
             raise OptionError(
@@ -192,13 +197,17 @@ def _read(file: Path) -> Scenario:
             )
         if (size := file.stat().st_size) > MOST_TEXT:
             raise OptionError(f"it has {size} bytes, a scenario {MOST_TEXT} at most")
-        scenario = Scenario.from_json(file.read_text(encoding="utf-8"))
-        if isinstance(scenario.path, Foreign):
-            raise UnknownName("path", scenario.path.kind, (*PATHS, *STEERED))
-        return scenario
+        return _known(Scenario.from_json(file.read_text(encoding="utf-8")))
     except OSError as error:
         raise OptionError(f"cannot read the scenario {file}: {why(error)}") from error
     except UnknownName:
         raise
     except (UnicodeDecodeError, RcmqpError) as error:
         raise OptionError(f"cannot read the scenario {file}: {error}") from error
+
+
+def _known(scenario: Scenario) -> Scenario:
+    """A scenario out of a file, whose path can be run here."""
+    if isinstance(scenario.path, Foreign):
+        raise UnknownName("path", scenario.path.kind, (*PATHS, *STEERED))
+    return scenario

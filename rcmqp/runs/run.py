@@ -12,17 +12,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rcmqp.controllers.given import UNKNOWN, Given
-from rcmqp.errors import ArmError, OptionError, RunFileError
+from rcmqp.errors import ArmError, InsertionError, OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.channels import CHANNELS, EARLIER, FIXED, NOT_IN_DIGEST, PART, ROWS, Channels
 from rcmqp.runs.head import Head, Rows, check_digest, opened
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.untrusted import StoredRows, reading, text
 from rcmqp.runs.writer import writing
+from rcmqp.world.carried import CarriedArm
 from rcmqp.world.insertion import Insertion
 
 if TYPE_CHECKING:
     import h5py
+
+SAME_POSE = 1e-6
+"""Largest difference of a dual quaternion's numbers up to which an arm is the same [1, m]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,6 +51,8 @@ class Run(Channels):
     """Which limits, of "acceleration" and "jerk", were assumed; see Arm.assumed."""
     given: Given = UNKNOWN
     """What the controller was given; a file of an earlier version does not say."""
+    arm: CarriedArm | None = None
+    """What the arm was made of; a file of an earlier version has not got it."""
 
     def __post_init__(self) -> None:
         """Protect the arrays."""
@@ -129,6 +135,7 @@ class Run(Channels):
             self.stops,
             self.assumed,
             self.given,
+            self.arm,
         )
 
     def __eq__(self, other: object) -> bool:
@@ -156,6 +163,36 @@ class Run(Channels):
                 f"{insertion.arm.urdf} has changed since the run was made; make the run again"
             )
         return insertion
+
+    def drawn_with(self, arm: str, flange: str | None = None) -> Run:
+        """The run with another file of the same arm, such as one whose meshes are here.
+
+        Args:
+            arm: a name that load_arm() knows, or the path of an arm's file or of a URDF.
+            flange: with a URDF, the frame that carries the instrument.
+
+        Raises:
+            ArmError: its joints, or where they bring the instrument, are not the run's.
+            RcmqpError: the arm cannot be loaded.
+        """
+        scenario = dataclasses.replace(self.scenario, arm=arm, flange=flange, carried_arm=None)
+        joints = scenario.load_arm().joints
+        if joints != self.joints:
+            raise ArmError(
+                f"{arm} has the joints {', '.join(joints)}, the run {', '.join(self.joints)}; "
+                "give the arm that it was made with"
+            )
+        try:
+            insertion = scenario.insertion()
+            apart = float(np.abs(insertion.state(self.q[0]).x - self.x[0]).max())
+        except InsertionError:
+            apart = np.inf
+        if not apart < SAME_POSE:
+            raise ArmError(
+                f"{arm} brings the instrument elsewhere than in the run, with the same joint "
+                "angles; give the arm that it was made with"
+            )
+        return dataclasses.replace(self, scenario=scenario, urdf_sha256=insertion.arm.sha256)
 
     def arrays(self) -> dict[str, Array]:
         """The arrays with a unit, by name."""
@@ -230,6 +267,7 @@ class Run(Channels):
             urdf_sha256=head.urdf_sha256,
             stops=head.stops,
             given=head.given,
+            arm=head.arm,
             assumed=tuple(head.assumed),
             diagnostics={
                 name: stored_channel(file, f"diagnostics/{name}")[rows] for name in names

@@ -38,6 +38,7 @@ from rcmqp.references.view import Reference, carried, view_pose
 from rcmqp.runs.printable import shortened
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.carried import CarriedArm, own_name
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Instrument, Mount, Trocar
 from rcmqp.world.loading import arm_names, load_arm, names_its_flange
@@ -142,6 +143,7 @@ class Scenario:
         planner_from: where the path planner starts towards a far view: ``reference``, at the last
             reference; ``measured``, as in the paper's text, at the pose of the effector, which was
             measured one period before.
+        carried_arm: the arm as the file of a run has it.
     """
 
     name: str = field(metadata=rule(_text))
@@ -165,6 +167,7 @@ class Scenario:
     governor: Governor | None = field(default=None, metadata=or_none(part(Governor)))
     limits: ArmLimits | None = field(default=None, metadata=rule(_limits))
     planner_from: str = field(default="reference", metadata=one_of("planner_from", PLANNER_STARTS))
+    carried_arm: CarriedArm | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check what concerns several options at once."""
@@ -216,7 +219,7 @@ class Scenario:
 
     def __str__(self) -> str:
         """The name, and the arm."""
-        return f"{self.name} on {self.arm}"
+        return f"{self.name} on {own_name(self.arm)}"
 
     @property
     def cycles(self) -> int:
@@ -255,15 +258,28 @@ class Scenario:
         }
         return cls(name=name, path=path, **(given | fields))
 
+    def load_arm(self) -> Arm:
+        """The arm, with the limits given by hand; of a run's scenario, the one that it carries.
+
+        Raises:
+            RcmqpError: the arm cannot be loaded.
+        """
+        if self.carried_arm is None:
+            return load_arm(self.arm, self.flange, **_given(self.limits))
+        return self.carried_arm.load(self.flange, _given(self.limits))
+
+    def portable(self) -> Scenario:
+        """The scenario as files have it: of an arm's own file the name, without its folders."""
+        return dataclasses.replace(self, arm=own_name(self.arm))
+
     def insertion(self) -> Insertion:
         """Load the arm and put the instrument in.
 
         Raises:
             RcmqpError: the arm cannot be loaded, or things do not fit together.
         """
-        arm = load_arm(self.arm, self.flange, **_given(self.limits))
         return Insertion(
-            arm,
+            self.load_arm(),
             self.instrument,
             self.trocar,
             self.angles_start,
@@ -276,7 +292,7 @@ class Scenario:
         by_hand = arm.limits_by_hand.given()
         if not by_hand.keys() | _given(self.limits).keys():
             return True
-        own = load_arm(self.arm, self.flange, **_given(self.limits))
+        own = self.load_arm()
         names = ("lower", "upper", "velocity", "acceleration", "jerk")
         return (
             all(np.array_equal(getattr(own, name), getattr(arm, name)) for name in names)
@@ -398,10 +414,15 @@ class Scenario:
             return np.zeros((len(cycles), 3))
         return np.array([self.motion.position(k * self.period) for k in cycles])
 
-    def to_json(self) -> str:
-        """The scenario as JSON; from_json() makes an equal one of it."""
-        data = dataclasses.asdict(self)
-        del data["limits"]
+    def to_json(self, *, carry: bool = False) -> str:
+        """The scenario as JSON; from_json() makes an equal one of it.
+
+        Args:
+            carry: whether the arm of a file of one's own goes along, so that the scenario can be
+                run elsewhere.
+        """
+        data = dataclasses.asdict(dataclasses.replace(self, carried_arm=None))
+        del data["limits"], data["carried_arm"]
         if self.governor is None:  # files of before there were governors say the same
             del data["governor"]
         _leave_out_straight(data["instrument"])
@@ -409,6 +430,8 @@ class Scenario:
             del data["planner_from"]
         if self.limits is not None:  # else as in files of earlier versions, whose digest stays
             data["limits"] = self.limits.to_data()
+        if carry and self.carried_arm is not None and self.arm not in arm_names():
+            data["carried_arm"] = self.carried_arm.to_json()
         for name in _KINDS:
             if isinstance(self.path, Foreign) and name == "path":
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
@@ -451,6 +474,9 @@ class Scenario:
             part = "limits"
             if data.get("limits") is not None:
                 data["limits"] = ArmLimits.from_data(data["limits"])
+            part = "carried_arm"
+            if data.get("carried_arm") is not None:
+                data["carried_arm"] = CarriedArm.from_json(data["carried_arm"])
             part = "its fields"
             return cls(**data)
         except RcmqpError:

@@ -56,6 +56,14 @@ _CASE = (
         "it, a controller comes after what moves.",
     ),
     Measure(
+        "roll",
+        "roll",
+        "roll controlled",
+        "",
+        "Whether the controller turns the instrument about its shaft as it is asked to. One that "
+        "does not lets the camera's image turn: its orientation error is of another kind.",
+    ),
+    Measure(
         "limits_enforced",
         "joint limits enforced",
         "joint limits enforced",

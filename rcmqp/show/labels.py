@@ -8,9 +8,8 @@ from rcmqp.errors import RcmqpError
 from rcmqp.runs.head import Head
 from rcmqp.runs.run import Run
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.world.loading import arm_names, load_arm
 
-GIVEN = ("feed_forward", "limits_enforced", "period_ms", "gain", "assumed")
+GIVEN = ("feed_forward", "roll", "limits_enforced", "period_ms", "gain", "assumed")
 """Measures of given_cells(), in the order of columns."""
 
 TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits")
@@ -22,6 +21,7 @@ def given_cells(head: Head) -> dict[str, str]:
     given = head.given
     return {
         "feed_forward": given.feed_forward_text,
+        "roll": given.roll_text,
         "limits_enforced": given.limits_text,
         "period_ms": f"{1e3 * head.scenario.period:g}",
         "gain": given.gain_text,
@@ -90,10 +90,8 @@ def _all(texts: Iterable[str]) -> str:
 
 def joint_units(head: Head) -> tuple[str, ...]:
     """Unit of each joint's position, rad or m; rad of an arm that this machine does not have."""
-    scenario = head.scenario
-    home = None if scenario.arm in arm_names() else scenario.angles_start  # none is searched
     try:
-        units = load_arm(scenario.arm, scenario.flange, home=home).joint_units
+        units = head.scenario.load_arm().joint_units
     except RcmqpError:
         units = ()
     return units if len(units) == len(head.joints) else ("rad",) * len(head.joints)

@@ -32,6 +32,7 @@ class Row:
     controller: str
     setting: str = ""
     feed_forward: str = ""
+    roll: str = ""
     limits_enforced: str = ""
     period_ms: str = ""
     gain: str = ""
@@ -231,7 +232,7 @@ def as_markdown(rows: Sequence[Row]) -> str:
 def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
     """Three tables; what all rows share is in the title, but for what tells controllers apart."""
     made = [row for row in rows if not row.failure]
-    apart = ("controller", "feed_forward", "limits_enforced") if several else ()
+    apart = ("controller", "feed_forward", "roll", "limits_enforced") if several else ()
     lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in made}) != 1]
     lead = lead or ["controller"]
     title = f": {_words(made[0], [name for name in _LEAD if name not in lead])}" if made else ""

@@ -44,6 +44,9 @@ class ModelSource:
             with their positions.
         sources: where the numbers in the arm's file come from, by topic.
         notes: sentences on what was assumed or left out when the arm was loaded.
+        recipe: what load_arm() made the arm with besides the URDF, in numbers and texts; see
+            carried.CarriedArm.
+        carried: whether the URDF came in a run's file; its meshes are not looked for.
     """
 
     urdf: Path
@@ -53,6 +56,8 @@ class ModelSource:
     locked: Mapping[str, float] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    carried: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

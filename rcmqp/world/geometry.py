@@ -35,14 +35,17 @@ def geometry_of(arm: Arm, kind: pin.GeometryType) -> Geometry | None:
     if arm.source is None:
         return None
     root = ET.fromstring(arm.source.text)
-    folders = [*arm.source.packages, *arm.source.urdf.resolve().parents]
-    missing = _resolve_meshes(root, folders)
+    if arm.source.carried:  # its meshes are elsewhere, and the names of files are a stranger's
+        missing = _drop(root, kind, lambda mesh: True)
+    else:
+        folders = [*arm.source.packages, *arm.source.urdf.resolve().parents]
+        missing = _resolve_meshes(root, kind, folders)
     text = ET.tostring(root, encoding="unicode")
     model = pin.buildModelFromXML(text)
     try:
         shapes = pin.buildGeomFromUrdfString(model, text, kind)
     except (ValueError, RuntimeError):  # a mesh is of a kind that is not read
-        missing += _drop(root, lambda mesh: not _readable(mesh.get("filename", "")))
+        missing += _drop(root, kind, lambda mesh: not _readable(mesh.get("filename", "")))
         text = ET.tostring(root, encoding="unicode")
         shapes = pin.buildGeomFromUrdfString(model, text, kind)
     return Geometry(model, shapes, tuple(missing))
@@ -57,7 +60,9 @@ def hangs_on(model: pin.Model, frame: int, name: str) -> bool:
     return False
 
 
-def _resolve_meshes(root: ET.Element, folders: Iterable[Path]) -> list[str]:
+def _resolve_meshes(
+    root: ET.Element, kind: pin.GeometryType, folders: Iterable[Path]
+) -> list[str]:
     """Put the path of each mesh into the XML, take out those not found, and return these."""
 
     def lost(mesh: ET.Element) -> bool:
@@ -66,14 +71,16 @@ def _resolve_meshes(root: ET.Element, folders: Iterable[Path]) -> list[str]:
             mesh.set("filename", str(path))
         return path is None
 
-    return _drop(root, lost)
+    return _drop(root, kind, lost)
 
 
-def _drop(root: ET.Element, unwanted: Callable[[ET.Element], bool]) -> list[str]:
+def _drop(
+    root: ET.Element, kind: pin.GeometryType, unwanted: Callable[[ET.Element], bool]
+) -> list[str]:
     """Take out the shapes with unwanted meshes, and return the meshes' file names."""
-    dropped = []
+    dropped, tag = [], "visual" if kind == pin.GeometryType.VISUAL else "collision"
     for link in root.iterfind("link"):
-        for shape in [*link.iterfind("visual"), *link.iterfind("collision")]:
+        for shape in link.findall(tag):
             mesh = shape.find("geometry/mesh")
             if mesh is not None and unwanted(mesh):
                 dropped.append(mesh.get("filename", ""))

@@ -199,7 +199,7 @@ def _load_file(
     about = {key: entry[key] for key in ("title", "licence", "srs_offsets") if key in entry}
     if "speed_near_limits" in entry:
         about["speed_near_limits"] = SpeedNearLimits(**entry["speed_near_limits"])
-    return _build(
+    return built(
         urdf,
         entry["flange"]["frame"],
         locked,
@@ -228,7 +228,7 @@ def _load_urdf(
             f"or --flange on the command line (the last ones are {', '.join(links[-4:])}), or "
             "write an arm's file"
         )
-    return _build(
+    return built(
         urdf,
         flange,
         locked,
@@ -241,7 +241,7 @@ def _load_urdf(
     )
 
 
-def _build(
+def built(
     urdf: Urdf,
     flange: str,
     locked: Mapping[str, float],
@@ -253,6 +253,13 @@ def _build(
     **about: Any,
 ) -> Arm:
     """Hold the locked joints and those off the chain, check what is left, and make the Arm."""
+    recipe = {
+        "flange": flange,
+        "locked": dict(locked),
+        "home": _plain(home),
+        "own": dict(own),
+        "about": {key: _plain(value) for key, value in about.items() if key != "by_hand"},
+    }
     for held, position in locked.items():
         if not isinstance(position, int | float) or not math.isfinite(position):
             raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
@@ -288,13 +295,22 @@ def _build(
     about = limits_of(urdf, joints) | _accelerations(own) | about
     if home is None:
         notes.append("home is not given: searched, see there")
-    source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text)
+    source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text, recipe=recipe)
     home = _by_joint(home, joints, name)
     arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
     _check_limits(arm)
     if home is not None:
         arm.check_limits(arm.home)
     return arm
+
+
+def _plain(value: Any) -> Any:
+    """A value of built()'s arguments as JSON has it."""
+    if isinstance(value, pin.SE3):
+        return value.homogeneous.tolist()
+    if isinstance(value, SpeedNearLimits):
+        return dataclasses.asdict(value)
+    return value if isinstance(value, str | Mapping | None) else np.asarray(value).tolist()
 
 
 def _held(model: pin.Model, hold: Sequence[int], locked: Mapping[str, float]) -> list[str]:

@@ -60,6 +60,15 @@ def read_urdf(path: Path) -> Urdf:
     if made:
         check_xml(raw, str(path))
         raw = _from_xacro(path)
+    return urdf_of(raw, path)
+
+
+def urdf_of(raw: bytes, path: Path) -> Urdf:
+    """The URDF in the bytes of a file.
+
+    Raises:
+        ArmError: as read_urdf() does; ``path`` stands in the message.
+    """
     check_xml(raw, str(path))
     root = ET.fromstring(raw)
     if root.tag == "mujoco":

@@ -31,8 +31,8 @@ class Outcome:
     """The numbers of a trial; NaN in a trial that failed.
 
     The vocabulary says what each number means, see TRIALS there. ``feed_forward``,
-    ``limits_enforced``, ``gain`` and ``assumed`` are as given_cells() has them. ``failure`` says
-    why there is no run, and is empty where there is one.
+    ``roll``, ``limits_enforced``, ``gain`` and ``assumed`` are as given_cells() has them.
+    ``failure`` says why there is no run, and is empty where there is one.
     """
 
     operator: int
@@ -41,6 +41,7 @@ class Outcome:
     controller: str
     period: float
     feed_forward: str = ""
+    roll: str = ""
     limits_enforced: str = ""
     gain: str = ""
     assumed: str = ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,6 +24,7 @@ from rcmqp.references.operators import camera_trial
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate, versions
+from rcmqp.world.carried import CarriedArm
 
 RUNS = "runs"
 """Folder of the trials' files, in the study's."""
@@ -147,7 +150,9 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller], made_of: str) 
         outcome, traces = outcome_of(trial, simulate(scenario, controller))
     except (RcmqpError, np.linalg.LinAlgError) as error:
         outcome, traces = failed_outcome(trial, scenario, str(error)), {}
-    record = Record(outcome, scenario.to_json(), trial.law.to_json(), made_of, traces)
+    carried = CarriedArm.of(controller.insertion.arm)
+    said = dataclasses.replace(scenario.portable(), carried_arm=carried).to_json(carry=True)
+    record = Record(outcome, said, trial.law.to_json(), made_of, traces)
     record.save(trial_file(folder, trial))
 
 
@@ -239,7 +244,12 @@ def _kept(trial: Trial, folder: Path) -> tuple[Outcome, Mapping[str, str]]:
 
 
 def _check_whose(trial: Trial, record: Record, file: Path) -> None:
-    if (record.scenario, record.law) != (trial.made().to_json(), trial.law.to_json()):
+    said = json.loads(record.scenario)
+    said.pop("carried_arm", None)  # the arm's sum is in made_of
+    if (said, record.law) != (
+        json.loads(trial.made().portable().to_json()),
+        trial.law.to_json(),
+    ):
         raise RunFileError(
             file,
             "is of another study: other seed, scenario, arm, controller or operators; give "

@@ -95,7 +95,8 @@ def _make(part: Path, title: str, groups: Sequence[Group], sections: Sequence[Se
     """Write all files into a folder."""
     for group in groups:
         write_page(group.runs, part / group.viewer)
-        (part / group.scenario).write_text(group.runs[0].scenario.to_json(), encoding="utf-8")
+        scenario = group.runs[0].scenario.portable().to_json(carry=True)
+        (part / group.scenario).write_text(scenario, encoding="utf-8")
     for section in sections:
         for picture in section.pictures:
             picture.write(part)

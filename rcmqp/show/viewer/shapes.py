@@ -62,12 +62,7 @@ def _urdf_parts(arm: Arm) -> list[Part]:
     if found is None:
         return []
     if found.missing:
-        warnings.warn(
-            f"{arm.name} is drawn without {', '.join(found.missing)}: no such mesh, or it cannot "
-            "be read; give the folder that has the package as packages in an arm's file",
-            ArmWarning,
-            stacklevel=1,
-        )
+        warnings.warn(_without(arm, found.missing), ArmWarning, stacklevel=1)
     parts = []
     for shape in found.shapes.geometryObjects:
         body = found.model.frames[shape.parentFrame]
@@ -78,6 +73,19 @@ def _urdf_parts(arm: Arm) -> list[Part]:
         for data, fix, colour in _lowered(shape):
             parts.append(Part(frame.parentJoint, placement.homogeneous @ fix, data, colour))
     return parts
+
+
+def _without(arm: Arm, meshes: Sequence[str]) -> str:
+    """What to say of meshes that are not there."""
+    if arm.source is not None and arm.source.carried:
+        return (
+            f"{arm.name} is drawn without its {len(meshes)} meshes, which are not in the run's "
+            f"file; where {arm.name} is, give it with --arm"
+        )
+    return (
+        f"{arm.name} is drawn without {', '.join(meshes)}: no such mesh, or it cannot be read; "
+        "give the folder that has the package as packages in an arm's file"
+    )
 
 
 def _lowered(shape: Any) -> list[tuple[dict[str, Any], Array, Colour]]:

@@ -1,0 +1,158 @@
+"""The arm that a run's file carries, so that the run can be looked at and made again anywhere."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PureWindowsPath
+from typing import Any, Self
+
+import numpy as np
+import pinocchio as pin
+
+from rcmqp.errors import ArmError, ArmWarning, RcmqpError
+from rcmqp.world.arm import Arm, ModelSource
+from rcmqp.world.arm_limits import SpeedNearLimits
+from rcmqp.world.loading import arm_names, built, load_arm, names_its_flange
+from rcmqp.world.urdf import urdf_of
+
+_PARTS = {"name": str, "sha256": str, "urdf": str, "recipe": dict}
+_RECIPE = {"flange": str, "locked": dict, "own": dict, "about": dict}
+_ABOUT = {"title", "licence", "srs_offsets", "speed_near_limits", "flange_offset"}
+
+MOST_NAME = 200
+"""Letters of an arm's name in a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedArm:
+    """What load_arm() made an arm of, without the files; equal if name and sum of the files are.
+
+    Attributes:
+        name: the arm's, or the name of its file, without folders.
+        sha256: see Arm.
+        urdf: the URDF that the model was made of. Meshes keep the names of their files; of those
+            in a folder of one machine, only the file's own name is left.
+        recipe: what built() was given besides.
+        beside: folder in which the arm's own file is looked for; None where there is none.
+    """
+
+    name: str
+    sha256: str
+    urdf: str = field(compare=False, repr=False)
+    recipe: Mapping[str, Any] = field(compare=False, repr=False)
+    beside: Path | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, arm: Arm) -> Self | None:
+        """What an arm was made of; None if it was made of no URDF."""
+        if arm.source is None or not arm.source.recipe:
+            return None
+        name, text = own_name(arm.name), _without_folders(arm.source.text)
+        beside = None if name in arm_names() else Path(arm.name).absolute().parent
+        return cls(name, arm.source.sha256, text, arm.source.recipe, beside)
+
+    def to_json(self) -> str:
+        """As a run's file keeps it, with a sum that damage does not survive."""
+        data = {name: getattr(self, name) for name in _PARTS}
+        return json.dumps({**data, "sum": _sum(data)})
+
+    @classmethod
+    def from_json(cls, text: str, beside: Path | None = None) -> Self:
+        """The inverse of to_json().
+
+        Raises:
+            ValueError: a part is missing, or is none that to_json() writes.
+        """
+        data = json.loads(text)
+        for parts, inside in ((_PARTS, data), (_RECIPE, data.get("recipe", {}))):
+            for part, kind in parts.items():
+                if type(inside.get(part)) is not kind:
+                    raise ValueError(f"{part} is missing, or is no {kind.__name__}")
+        if own_name(data["name"]) != data["name"] or not 0 < len(data["name"]) <= MOST_NAME:
+            raise ValueError(f"name = {data['name']!r:.50}, it must be an arm's or a file's")
+        if unknown := data["recipe"]["about"].keys() - _ABOUT:
+            raise ValueError(f"{sorted(unknown)[0]!r:.50} is none of {sorted(_ABOUT)}")
+        if data.pop("sum", None) != _sum(data):
+            raise ValueError("its numbers do not fit its sum")
+        return cls(data["name"], data["sha256"], data["urdf"], data["recipe"], beside)
+
+    def load(self, flange: str | None, limits: Mapping[str, Any]) -> Arm:
+        """The arm: of its own file if that is here and the same, with its meshes; else of this.
+
+        Args:
+            flange: as load_arm() was given it.
+            limits: by hand, in place of the arm's own.
+
+        Raises:
+            ArmError: what is carried is no arm.
+        """
+        return self._here(flange, limits) or self._made(limits)
+
+    def _here(self, flange: str | None, limits: Mapping[str, Any]) -> Arm | None:
+        """The arm of its own file, None if that is not here or has changed."""
+        if self.name in arm_names():
+            tried = [self.name]
+        else:
+            folders = dict.fromkeys(filter(None, (self.beside, Path.cwd())))
+            files = (folder / self.name for folder in folders)
+            tried = [str(file) for file in files if file.is_file()]
+        for each in tried:
+            with contextlib.suppress(RcmqpError), warnings.catch_warnings():
+                warnings.simplefilter("ignore", ArmWarning)
+                arm = load_arm(each, None if names_its_flange(each) else flange, **limits)
+                if arm.sha256 == self.sha256:
+                    arm.name = self.name
+                    return arm
+        return None
+
+    def _made(self, limits: Mapping[str, Any]) -> Arm:
+        path, about = Path(self.name), dict(self.recipe["about"])
+        try:
+            urdf = urdf_of(self.urdf.encode(), path)
+            if about.get("flange_offset") is not None:
+                about["flange_offset"] = pin.SE3(np.array(about["flange_offset"]))
+            if about.get("speed_near_limits") is not None:
+                about["speed_near_limits"] = SpeedNearLimits(**about["speed_near_limits"])
+            return built(
+                urdf,
+                self.recipe["flange"],
+                self.recipe["locked"],
+                name=self.name,
+                home=self.recipe.get("home"),
+                own=self.recipe["own"],
+                source=ModelSource(path, self.urdf, self.sha256, carried=True),
+                by_hand=limits,
+                **about,
+            )
+        except RcmqpError:
+            raise
+        except Exception as error:  # what a damaged text can make Python and Pinocchio raise
+            raise ArmError(
+                f"{self.name}, as the run's file carries it, is no arm: "
+                f"{type(error).__name__}: {error!s:.200}"
+            ) from error
+
+
+def _sum(data: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
+def own_name(name: str) -> str:
+    """The name of an arm, or of its file without folders, whichever system made it."""
+    return PureWindowsPath(name).name
+
+
+def _without_folders(text: str) -> str:
+    """A URDF in which no mesh says where it was on somebody's machine."""
+    root = ET.fromstring(text)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "").removeprefix("file://")
+        if PureWindowsPath(name).drive or PureWindowsPath(name).root:
+            mesh.set("filename", own_name(name))
+    return ET.tostring(root, encoding="unicode")
