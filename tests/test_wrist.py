@@ -24,10 +24,12 @@ from rcmqp.references.governor import tip_distance
 from rcmqp.references.hand import ImageHand
 from rcmqp.references.view import Reference
 from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.metrics import obstacle_distance
 from rcmqp.tasks import OrientationTask, RcmTask, Task, TipTask
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Mount, Wrist, WristJoint
 from rcmqp.world.instrument_file import INSTRUMENTS, load_instrument
+from rcmqp.world.obstacles import Sphere
 from rcmqp.world.port import Port
 
 ARMS = ("lwa3", "panda", "ur10")
@@ -223,6 +225,19 @@ def test_a_path_waits_for_the_tool_and_not_for_the_shaft() -> None:
     assert_allclose(found, far, rtol=0, atol=1e-12)
 
 
+def test_obstacles_are_as_far_as_shaft_and_tool_are(helix: Run) -> None:
+    k = 1500
+    insertion = helix.insertion()
+    tool = tool_by_hand(insertion, helix.q[k]).translation
+    shaft = dq.to_se3(helix.x[k])
+    end = shaft.act(np.array([0.0, 0.0, insertion.tip_depth - PITCH_TO_YAW - YAW_TO_TIP]))
+    beside, radius = shaft.rotation @ np.array([0.03, 0.0, 0.0]), NEEDLE_DRIVER.radius
+    for point, away in ((tool + beside, 0.03), (end - 0.1 * shaft.rotation[:, 2] + beside, 0.03)):
+        scenario = dataclasses.replace(helix.scenario, obstacles=(Sphere(tuple(point), 0.01),))
+        found = obstacle_distance(dataclasses.replace(helix, scenario=scenario))[k]
+        assert_allclose(found, away - 0.01 - radius, rtol=0, atol=3e-4)
+
+
 # What does not go with a wrist -------------------------------------------------------------
 
 
@@ -298,8 +313,13 @@ def test_the_page_has_the_camera_at_the_tool(opened: Opened, runs: list[Run]) ->
     run = runs[0]
     for k in (0, len(run.q) - 1):
         opened.seek(float(run.time[k]))
-        columns = opened.js("rcmqp.pose(0, 'camera')")
-        found = np.array(columns).reshape(4, 4).T
+        found, flange = (
+            np.array(opened.js(f"rcmqp.pose(0, '{link}')")).reshape(4, 4).T
+            for link in ("camera", "flange")
+        )
+        arm = load_arm("lwa3").with_effector(pin.SE3.Identity())
+        expected = arm.state(run.q[k][: arm.nq]).oMe
+        assert_allclose(flange, expected.homogeneous, rtol=0, atol=1e-5)
         tool = tool_by_hand(run.insertion(), run.q[k])
         assert_allclose(found[:3, 3], tool.translation, rtol=0, atol=1e-5)
         assert_allclose(-found[:3, 2], tool.rotation[:, 2], rtol=0, atol=1e-5)

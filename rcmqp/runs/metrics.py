@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -154,7 +155,15 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
 def obstacle_distance(run: Run) -> Array:
     """Distance (n,) of the instrument from the nearest obstacle [m], see scene.clearance()."""
     shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
-    return clearance(run.scenario.obstacles, run.scenario.instrument, run.tip, shaft)
+    obstacles, instrument = run.scenario.obstacles, run.scenario.instrument
+    if instrument.wrist is None:
+        return clearance(obstacles, instrument, run.tip, shaft)
+    out = dq.translation(run.x) - run.pivot
+    beyond = run.depth - np.sum(out * shaft, axis=1) - instrument.wrist.length
+    end = dq.translation(run.x) + beyond[:, None] * shaft
+    point = dataclasses.replace(instrument, length=1e-9)  # the wrist counts by its tool's point
+    along = clearance(obstacles, instrument, end, shaft)
+    return np.minimum(along, clearance(obstacles, point, run.tip, shaft))
 
 
 def _rows_asked(scenario: Scenario, stop: Standstill) -> int:
