@@ -15,7 +15,7 @@ from rcmqp.experiments.study.comparisons import (
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Study
-from rcmqp.experiments.study.statistics import Summary, summary
+from rcmqp.experiments.study.statistics import FEWEST, Summary, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
 from rcmqp.runs.measures import Measure
@@ -58,9 +58,9 @@ measures the distance is not said. Both are to the obstacle's surface: from the 
 point, and from the shaft's surface.
 
 ± is the standard deviation between operators, [ ] where the mean of the model lies: the 95 %
-interval (Student's t) of a mean over the people drawn. It says how exactly these draws give the
-model's mean, and nothing about real people. Times are of those who finished, changes of those who
-have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
+interval (Student's t) of a mean over the people drawn, given for five or more. It says how exactly
+these draws give the model's mean, and nothing about real people. Times are of those who finished,
+changes of those who have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
 The times spent looking, and with them the completion times, rest on parameters fitted
 to the paper's own mean and deviation before this study, and how the operators keep off the
 obstacle was set after trials in which one in twenty touched it: times and collisions are no
@@ -166,4 +166,7 @@ def _cell(found: Summary, measure: Measure, people: int) -> str:
         measure.text(x, measure.fixed)
         for x in (found.mean, found.deviation, found.low, found.high)
     )
-    return f"{mean}{some}" if found.count == 1 else f"{mean} ± {deviation} [{low}, {high}]{some}"
+    if found.count == 1:
+        return f"{mean}{some}"
+    interval = f" [{low}, {high}]" if found.count >= FEWEST else ""
+    return f"{mean} ± {deviation}{interval}{some}"
