@@ -24,7 +24,7 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import make_controller, own_file
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
@@ -51,7 +51,10 @@ def run(
         ),
     ] = None,
     controller: Annotated[
-        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+        str,
+        typer.Option(
+            "--controller", "-c", help="Name (see rcmqp controllers), or FILE.py[:CLASS]."
+        ),
     ] = "dual_quaternion",
     file: Annotated[
         Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
@@ -106,7 +109,9 @@ def run(
     """
     if arm == "":
         raise UnknownName("arm", arm, arm_names())
-    options = options_of(controller, settings or [])
+    controller, _, options_there = own_file.known(controller).partition(":")
+    given_there = options_there.split(",") if options_there else []
+    options = options_of(controller, [*given_there, *(settings or [])])
     if gain is not None:
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
