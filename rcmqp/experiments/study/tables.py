@@ -66,11 +66,10 @@ measures the distance is not said. Both are to the obstacle's surface: from the 
 point, and from the shaft's surface.
 
 ± is the standard deviation between operators, [ ] where the mean of the model lies: the 95 %
-interval (Student's t) of a mean over the people drawn, given for five or more; where it would reach
-beyond what the measure can be, such as below 0 s, it ends there. It says how exactly these draws
-give the model's mean, and nothing about real people. Times are of those who finished, changes of
-those who have both numbers. The operators are a model. Its errors are not the paper's: compare the
-columns.
+interval (Student's t) of a mean over the people drawn, given for five or more. It ends where the
+measure can be no less or no more: no time is below 0 s. It says how exactly these draws give the
+model's mean, and nothing about real people. Times are of those who finished, changes of those who
+have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
 The times spent looking, and with them the completion times, rest on parameters fitted
 to the paper's own mean and deviation before this study, and how the operators keep off the
 obstacle was set after trials in which one in twenty touched it: times and collisions are no
