@@ -147,6 +147,22 @@ def test_what_rests_on_fewer_people_says_on_how_many(tmp_path: Path) -> None:
     assert " of " not in rows["RCM error, rms [mm]"][1]
 
 
+def test_an_interval_ends_where_its_measure_can_be_no_less_or_no_more(tmp_path: Path) -> None:
+    """Five people of whom one differs much: Student's interval alone would reach beyond."""
+    (first, *_) = outcomes("a", 0.0)
+    shares, distances = (1.0, 1.0, 1.0, 1.0, 0.2), (-3.0, 1.0, 1.0, 1.0, 1.0)
+    mine = [
+        dataclasses.replace(
+            first, operator=i, looking_s=100.0 * (i == 0), slow_share=share, obstacle_shaft_mm=far
+        )
+        for i, (share, far) in enumerate(zip(shares, distances, strict=True))
+    ]
+    rows = rows_of(table(Performed(Study(), tmp_path, mine)))
+    assert rows["of which looking [s]"][1] == "20.0 ± 44.7 [0.0, 75.5]"
+    assert rows["share of time at less than 10 mm/s"][1] == "0.84 ± 0.36 [0.40, 1.00]"
+    assert rows["least distance, shaft to obstacle [mm]"][1] == "0.20 ± 1.79 [-2.02, 2.42]"
+
+
 def test_one_person_has_differences_and_neither_intervals_nor_tests(tmp_path: Path) -> None:
     two = [outcomes(law, shift)[0] for law, shift in (("a", 0.0), ("b", 0.25))]
     text = table(Performed(Study(), tmp_path, two))

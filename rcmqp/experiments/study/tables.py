@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 from rcmqp.experiments.study.comparisons import (
@@ -37,6 +38,13 @@ MEANS = {
 }
 """Measures with mean and standard deviation, and the paper's figures."""
 
+RANGES = {
+    "obstacle_tip_mm": (-math.inf, math.inf),
+    "obstacle_shaft_mm": (-math.inf, math.inf),
+    "slow_share": (0.0, 1.0),
+}
+"""The least and largest possible value of a measure of MEANS; 0 and no end if not listed."""
+
 EXTREMES = {"effector_max_mm": "4.82 (†)", "tip_max_mm": "4.82 (†)", "rcm_max_mm": "0.37"}
 """Largest errors of all trials [mm], and the paper's."""
 
@@ -58,10 +66,10 @@ measures the distance is not said. Both are to the obstacle's surface: from the 
 point, and from the shaft's surface.
 
 ± is the standard deviation between operators, [ ] where the mean of the model lies: the 95 %
-interval (Student's t) of a mean over the people drawn, given for five or more. It says how exactly
-these draws give the model's mean, and nothing about real people. Times are of those who finished,
-changes of those who have both numbers. The operators are a model. Its errors are not the paper's:
-compare the columns.
+interval (Student's t) of a mean over the people drawn, given for five or more. It ends where the
+measure can be no less or no more: no time is below 0 s. It says how exactly these draws give the
+model's mean, and nothing about real people. Times are of those who finished, changes of those who
+have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
 The times spent looking, and with them the completion times, rest on parameters fitted
 to the paper's own mean and deviation before this study, and how the operators keep off the
 obstacle was set after trials in which one in twenty touched it: times and collisions are no
@@ -163,9 +171,10 @@ def _cell(found: Summary, measure: Measure, people: int) -> str:
     if found.count == 0:
         return ""
     some = f" ({found.count} of {people})" if found.count < people else ""
+    least, most = RANGES.get(measure.name, (0.0, math.inf))
     mean, deviation, low, high = (
         measure.text(x, measure.fixed)
-        for x in (found.mean, found.deviation, found.low, found.high)
+        for x in (found.mean, found.deviation, max(found.low, least), min(found.high, most))
     )
     if found.count == 1:
         return f"{mean}{some}"
