@@ -93,8 +93,15 @@ def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
     Args:
         governor: whether there is to be one.
         changes: fields of Scenario.
+
+    Raises:
+        OptionError: the period is so long that it must be in ms.
     """
     given = {name: value for name, value in changes.items() if value is not None}
+    if (period := given.get("period", 0.0)) >= 0.5:
+        raise OptionError(
+            f"--period {period:g}: it is in s; {period:g} ms are --period {1e-3 * period:g}"
+        )
     return given if governor is None else given | {"governor": Governor() if governor else None}
 
 
