@@ -28,6 +28,7 @@ class Block:
         x_d_dot: ArrayLike,
         pivot: ArrayLike,
         pivot_dot: ArrayLike,
+        tool: object,
         /,
     ) -> tuple[Array, ...]: ...
     def interval(
@@ -60,6 +61,7 @@ class Stack:
         x_d_dot: Array,
         pivot: Array,
         pivot_dot: Array,
+        tool: object,
         given: list[tuple[Array, ...]],
         backend: Backend | None,
         /,
@@ -75,6 +77,7 @@ class Stack:
         x_d_dot: Array,
         pivot: Array,
         pivot_dot: Array,
+        tool: object,
         given: list[tuple[Array, ...]],
         /,
     ) -> tuple[Array, Array, Ints, Array, Array, Array, Array] | None: ...

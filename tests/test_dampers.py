@@ -239,7 +239,7 @@ def driven(wish: float, v: float, cycles: int) -> tuple[Array, Array]:
     for _ in range(cycles):
         x = from_se3(pin.SE3(np.eye(3), np.array([0.0, 0.0, depth])))
         now = np.zeros(1), np.array([v]), np.array([a])
-        C, d = block.rows(x, J, *now, x, np.zeros(8), still, still)[2:]
+        C, d = block.rows(x, J, *now, x, np.zeros(8), still, still, None)[2:]
         assert np.array_equal(C[:, 0], [1.0, -1.0])
         own = v + T * np.clip(np.clip((wish - v) / T, -1.0, 1.0), a - 20.0 * T, a + 20.0 * T)
         before, v = v, min(own, d[0])

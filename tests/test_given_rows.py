@@ -314,7 +314,7 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
             stack(**fits | change)
     made = stack(**fits)
     state = np.eye(8)[0], np.ones((6, 1)), one, one, one
-    asked = np.eye(8)[0], np.zeros(8), np.zeros(3), np.zeros(3)
+    asked = np.eye(8)[0], np.zeros(8), np.zeros(3), np.zeros(3), None
     assert made.step(*state, *asked, [], None)[0].shape == (1,)
     assert made.step(*state, *asked, [3], None) is None
     two = np.eye(8)[0], np.ones((6, 2)), np.ones(2), np.ones(2), np.ones(2)
@@ -324,6 +324,8 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
         made.step(*state, *asked, None, None)
     with pytest.raises(TypeError, match="x must be a C-contiguous array"):
         made.step("x", *state[1:], *asked, [], None)
+    with pytest.raises(ValueError, match="J_t has 5 numbers, expected 6"):
+        made.step(*state, *asked[:4], (np.eye(8)[0], np.ones(5)), [], None)
     given = stack(**fits | {"levels": ((0.0, ((None, 1.0, 1.0),)),)})
     rows = one, np.ones((1, 1)), one
     assert given.step(*state, *asked, [rows], None) is not None

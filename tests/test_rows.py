@@ -223,9 +223,9 @@ def test_a_block_refuses_what_it_cannot_be_made_of_or_asked() -> None:
         (lambda: block("objective", K_c=1.0, c_d=1.0), TypeError, "objective must be the Block"),
         (lambda: block(), TypeError, "Block"),
         (lambda: object.__new__(block), TypeError, "not safe"),
-        (lambda: block("manipulability").rows(*[1.0] * 9), TypeError, "has no rows"),
+        (lambda: block("manipulability").rows(*[1.0] * 10), TypeError, "has no rows"),
         (lambda: block("roll").value(np.ones((6, 1)), np.ones(1)), TypeError, "only an objective"),
-        (lambda: block("roll").rows(1.0), TypeError, "takes 9 arguments"),
+        (lambda: block("roll").rows(1.0), TypeError, "takes 10 arguments"),
         (lambda: block("roll").interval(1.0, 1.0, 1.0), ValueError, "is for joint limits"),
     )
     for call, error, message in calls:
@@ -236,4 +236,5 @@ def test_a_block_refuses_what_it_cannot_be_made_of_or_asked() -> None:
         JointLimits(insertion("panda").arm, T).block.rows(
             *(state.x, state.J_local, state.angles, state.v, state.a),
             *(reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot),
+            None,
         )

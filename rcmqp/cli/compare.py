@@ -16,11 +16,13 @@ from rcmqp.cli.options import (
     Depth,
     FlangeOption,
     GovernorOption,
+    InstrumentOption,
     JerkOption,
     Jobs,
     PlannerOption,
     Tolerance,
     Trocar,
+    instrument_of,
     limits_of,
     port_of,
     scenario_changes,
@@ -62,6 +64,7 @@ def compare(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    instrument: InstrumentOption = None,
     trocar: Trocar = None,
     axis: Axis = None,
     depth: Depth = None,
@@ -108,6 +111,7 @@ def compare(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
         | limits_of(acceleration, jerk).given()
+        | instrument_of(instrument)
         | port_of(trocar, axis, depth, cone, tolerance)
     )
     files = [comparison.arm_and_flange(each) for each in arm or () if each not in arm_names()]

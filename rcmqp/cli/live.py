@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 
 from rcmqp.cli.console import err, out
+from rcmqp.cli.options import InstrumentOption, instrument_of
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import ToolMissing
 from rcmqp.runs.loading import load_scenario
@@ -28,6 +29,7 @@ def live(
     controller: Annotated[
         str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
     ] = "hierarchical_qp",
+    instrument: InstrumentOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="An option of the controller."),
@@ -65,7 +67,7 @@ def live(
             raise
         raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
     options = options_of(controller, settings or [])
-    chosen = load_scenario(scenario, arm)
+    chosen = load_scenario(scenario, arm, **instrument_of(instrument))
     if host != LOCAL:
         err.print(
             f"[bold yellow]warning:[/] {escape(host)} can be reached from other machines, and "

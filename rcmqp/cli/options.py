@@ -12,6 +12,7 @@ from rcmqp.errors import OptionError
 from rcmqp.references.governor import Governor
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.instrument import Vector3, vector3
+from rcmqp.world.instrument_file import load_instrument
 from rcmqp.world.port import Port
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -82,6 +83,15 @@ Tolerance = Annotated[
         "this far off the shaft.",
     ),
 ]
+InstrumentOption = Annotated[
+    str | None,
+    typer.Option(
+        "--instrument",
+        metavar="FILE",
+        help="An instrument's .toml: mount, sizes, camera and wrist; or large_needle_driver; the "
+        "scenario's, without it.",
+    ),
+]
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
 Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
@@ -103,6 +113,11 @@ def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
             f"--period {period:g}: it is in s; {period:g} ms are --period {1e-3 * period:g}"
         )
     return given if governor is None else given | {"governor": Governor() if governor else None}
+
+
+def instrument_of(file: str | None) -> dict[str, Any]:
+    """The instrument of a file, as load_scenario() takes it."""
+    return {} if file is None else {"instrument": load_instrument(file)}
 
 
 def port_of(

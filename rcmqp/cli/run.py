@@ -17,10 +17,12 @@ from rcmqp.cli.options import (
     Depth,
     FlangeOption,
     GovernorOption,
+    InstrumentOption,
     JerkOption,
     PlannerOption,
     Tolerance,
     Trocar,
+    instrument_of,
     limits_of,
     port_of,
     scenario_changes,
@@ -74,6 +76,7 @@ def run(
         Path | None,
         typer.Option("--motion", help="CSV of the trocar's: t [s], world x [mm], and so on."),
     ] = None,
+    instrument: InstrumentOption = None,
     trocar: Trocar = None,
     axis: Axis = None,
     depth: Depth = None,
@@ -115,6 +118,8 @@ def run(
 
       rcmqp run conical_helix --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
 
+      rcmqp run circle --arm panda --instrument scope30.toml
+
       rcmqp run circle --arm panda --trocar 0.45,0.1,0.2 --depth 0.12
 
       rcmqp run circle --path tip.csv --motion breathing.csv
@@ -135,6 +140,7 @@ def run(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
         | limits_of(acceleration, jerk).given()
+        | instrument_of(instrument)
         | port_of(trocar, axis, depth, cone, tolerance)
     )
     chosen = load_scenario(scenario, arm, flange=flange, **given)

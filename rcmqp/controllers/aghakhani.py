@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.pseudoinverse import in_order
-from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import between
 from rcmqp.references.view import Reference
 from rcmqp.tasks import TipTask
@@ -115,8 +113,9 @@ class Aghakhani(Controller):
         """One evaluation of the law."""
         reference = reference if self.feed_forward else at_rest(reference)
         tip_depth = self.insertion.tip_depth
-        p_i, J_i = shaft_point(state, tip_depth - self.insertion.instrument.length)
-        p_next, J_next = shaft_point(state, tip_depth)
+        shaft, first = state.shaft, tip_depth - self.insertion.instrument.length
+        p_i, J_i = shaft.point(first), shaft.jacobian(first)
+        p_next, J_next = shaft.point(tip_depth), shaft.jacobian(tip_depth)
         along = p_next - p_i
         lam = self._lambda.value
         if self.reproject or lam is None:
@@ -136,15 +135,3 @@ class Aghakhani(Controller):
         u, least = in_order(levels, w, self.tolerance)
         self._lambda.value = lam + self.period * float(u[-1])
         return Command(u[:-1].copy(), {"lambda": lam, "least_singular_value": least})
-
-
-def shaft_point(state: ArmState, depth: float) -> tuple[Array, Array]:
-    """A point (3,) of the shaft in the world [m], and its Jacobian (3, nv), world axes.
-
-    Args:
-        state: of the arm.
-        depth: from the effector to the point, along the shaft [m].
-    """
-    a = np.array([0.0, 0.0, depth])
-    nu, omega = state.J_local[:3], state.J_local[3:]
-    return state.oMe.act(a), state.oMe.rotation @ (nu - pin.skew(a) @ omega)

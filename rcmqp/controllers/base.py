@@ -18,6 +18,7 @@ from rcmqp.controllers.account import explained
 from rcmqp.controllers.braking import Brake
 from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
+from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, positive, refused
 from rcmqp.qp import HierarchySolution, InvalidProblem, WrongShape
@@ -78,10 +79,12 @@ class Controller(abc.ABC):
             say. Tables name them, see ``given``.
         holds_roll: whether the law controls the instrument's roll about its shaft, likewise.
         insertion: what is controlled.
+        moves_wrist: whether the law knows of a tool that a wrist turns.
         period: sampling period T [s].
     """
 
     name: ClassVar[str]
+    moves_wrist: ClassVar[bool] = False
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {}
     enforces: ClassVar[tuple[str, ...] | None] = None
     holds_roll: ClassVar[bool | None] = None
@@ -99,8 +102,14 @@ class Controller(abc.ABC):
         """Check that each option is of its default's kind, and as its field declares.
 
         Raises:
-            OptionError, UnknownName: one is not.
+            OptionError, UnknownName: one is not; or the instrument has a wrist that the law does
+                not know.
         """
+        if self.insertion.arm.wrist is not None and not self.moves_wrist:
+            raise OptionError(
+                f"{self.name} is for an instrument whose tool is fixed to the shaft; use "
+                "hierarchical_qp with a wrist"
+            )
         for item in dataclasses.fields(self):
             if item.init and isinstance(item.default, bool | float | str):
                 _check_kind(item.name, getattr(self, item.name), type(item.default))

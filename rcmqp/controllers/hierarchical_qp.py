@@ -19,7 +19,15 @@ from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth
 from rcmqp.maths.options import at_least, finite, from_to
 from rcmqp.qp import Bounds, Level
 from rcmqp.references.view import Reference
-from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask, Together
+from rcmqp.tasks import (
+    ObjectiveTask,
+    OrientationTask,
+    RcmTask,
+    RollTask,
+    Task,
+    TipTask,
+    Together,
+)
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -62,8 +70,8 @@ class HierarchicalQP(Controller):
     the motion of the reference and of the trocar included. When the arm runs out of speed or
     range, the lower levels give way and the higher ones do not notice.
 
-    The levels, unless ``levels`` gives others: RcmTask; TipTask; RollTask; ObjectiveTask. Any
-    order is one expression:
+    The levels, unless ``levels`` gives others: RcmTask; TipTask; RollTask, or OrientationTask
+    where the instrument has a wrist; ObjectiveTask. Any order is one expression:
 
         levels = [RcmTask(period=T), TipTask(d) + RollTask(weight=0.01)]
         HierarchicalQP(insertion, T, levels=levels)
@@ -123,6 +131,7 @@ class HierarchicalQP(Controller):
     """
 
     name: ClassVar[str] = "hierarchical_qp"
+    moves_wrist: ClassVar[bool] = True
     feed_forward: ClassVar[bool] = True
     gain: float = field(default=60.0, metadata=bounded_gain())
     K_c: float = field(default=7.0, metadata=at_least(0.0))
@@ -247,10 +256,11 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
 
 def _levels(controller: HierarchicalQP) -> tuple[LevelOfTasks, ...]:
     insertion, gain = controller.insertion, controller.gain
+    wrist = insertion.arm.wrist
     tool = (
         RcmTask(gain=gain, period=controller.period),
         TipTask(insertion.tip_depth, gain=gain),
-        RollTask(gain=gain),
+        RollTask(gain=gain) if wrist is None else OrientationTask.made_for(insertion, gain=gain),
     )
     if controller.K_c == 0.0:
         return tool

@@ -128,6 +128,7 @@ class Stack:
             reference.x_d_dot,
             reference.pivot,
             reference.pivot_dot,
+            state.tool_at,
             given,
             self._hierarchy.asks,
         )

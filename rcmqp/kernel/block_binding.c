@@ -25,6 +25,7 @@ static const struct {
     [ROLL] = {"roll", "", ""},
     [DIRECTION] = {"direction", "", ""},
     [POSE] = {"pose", "", ""},
+    [ORIENTATION] = {"orientation", "orientation", ""},
     [POSTURE] = {"posture", "", "posture continuous"},
     [OBJECTIVE] = {"objective", "K_c c_d", ""},
     [JOINTS] = {"joints", "period",
@@ -49,6 +50,7 @@ static const struct {
 } fields[] = {
     {"period", offsetof(Block, period), 1},
     {"tip_depth", offsetof(Block, tip_depth), 1},
+    {"orientation", offsetof(Block, orientation), 4},
     {"K_c", offsetof(Block, K_c), 1},
     {"c_d", offsetof(Block, c_d), 1},
     {"gain", offsetof(Block, gain), 1},
@@ -207,7 +209,8 @@ static void block_dealloc(BlockObject *self)
 
 int is_block(PyObject *object) { return Py_IS_TYPE(object, block_type); }
 
-/* A cycle out of its nine arguments, as compiled code reads them; 0 with a Python error. */
+/* A cycle out of its arguments, as compiled code reads them; 0 with a Python error. The last is a
+ * pair, pose and Jacobian of a tool with a wrist, or anything else where there is none. */
 int read_cycle(PyObject *const *args, Cycle *cycle)
 {
     const npy_intp n = size_of(args[2]);
@@ -223,6 +226,11 @@ int read_cycle(PyObject *const *args, Cycle *cycle)
         .pivot = numbers_of(args[7], NPY_DOUBLE, 3, "pivot"),
         .pivot_dot = numbers_of(args[8], NPY_DOUBLE, 3, "pivot_dot"),
     };
+    PyObject *tool = args[CYCLE_ARRAYS];
+    if (PyTuple_Check(tool) && PyTuple_GET_SIZE(tool) == 2) {
+        cycle->x_t = numbers_of(PyTuple_GET_ITEM(tool, 0), NPY_DOUBLE, 8, "x_t");
+        cycle->J_t = numbers_of(PyTuple_GET_ITEM(tool, 1), NPY_DOUBLE, 6 * n, "J_t");
+    }
     if (PyErr_Occurred()) return 0;
     see(cycle);
     return 1;
@@ -256,7 +264,7 @@ static PyObject *rows_at(const Block *block, const Cycle *cycle)
     return rows;
 }
 
-/* rows(x, J_local, angles, v, a, x_d, x_d_dot, pivot, pivot_dot) of a task: error, jacobian,
+/* rows(x, J_local, angles, v, a, x_d, x_d_dot, pivot, pivot_dot, tool) of a task: error, jacobian,
  * drift; of a limit: lower, upper, C, d. Anything that numpy reads as numbers is welcome. */
 static PyObject *block_rows(BlockObject *self, PyObject *const *args, Py_ssize_t count)
 {
@@ -265,12 +273,12 @@ static PyObject *block_rows(BlockObject *self, PyObject *const *args, Py_ssize_t
         PyErr_SetString(PyExc_TypeError, "an objective has no rows, but a value");
         return NULL;
     }
-    PyObject *arrays[CYCLE_ARGUMENTS] = {NULL}, *rows = NULL;
+    PyObject *arrays[CYCLE_ARGUMENTS] = {[CYCLE_ARRAYS] = args[CYCLE_ARRAYS]}, *rows = NULL;
     Cycle cycle;
     int read = 0;
-    while (read < CYCLE_ARGUMENTS && (arrays[read] = (PyObject *)numbers_in(args[read])) != NULL)
+    while (read < CYCLE_ARRAYS && (arrays[read] = (PyObject *)numbers_in(args[read])) != NULL)
         ++read;
-    if (read == CYCLE_ARGUMENTS && read_cycle(arrays, &cycle)) rows = rows_at(&self->block, &cycle);
+    if (read == CYCLE_ARRAYS && read_cycle(arrays, &cycle)) rows = rows_at(&self->block, &cycle);
     for (int i = 0; i < read; ++i) Py_DECREF(arrays[i]);
     return rows;
 }

@@ -14,8 +14,9 @@ typedef struct {
     PyObject *objective;      /* the Block of an OBJECTIVE; NULL for the others */
 } BlockObject;
 
-/* How many arguments a cycle is. */
-#define CYCLE_ARGUMENTS 9
+/* How many arguments a cycle is: arrays, and what is known of the tool. */
+#define CYCLE_ARRAYS 9
+#define CYCLE_ARGUMENTS (CYCLE_ARRAYS + 1)
 
 int is_block(PyObject *object);
 

@@ -30,6 +30,7 @@ void see(Cycle *cycle)
     double primal[4], dual[4], a[4], b[4];
     placement(cycle->x, cycle->R, cycle->p);
     placement(cycle->x_d, cycle->R_d, cycle->p_d);
+    if (cycle->x_t != NULL) placement(cycle->x_t, cycle->R_t, cycle->p_t);
     q_conj(cycle->x_d, primal);
     q_conj(cycle->x_d + 4, dual);
     q_mul(primal, cycle->x_d_dot, a);
@@ -96,7 +97,14 @@ static void tip_rows(const Cycle *cycle, double depth, double *A, double *b, dou
     turned(cycle->R_d, part, speed);
     for (int i = 0; i < 3; ++i)
         e[i] = cycle->p[i] - cycle->p_d[i] + own[i] - other[i], b[i] = speed[i];
-    for (int j = 0; j < n; ++j) {
+    for (int i = 0; cycle->x_t != NULL && i < 3; ++i)
+        e[i] = cycle->p_t[i] - cycle->p_d[i] - other[i];
+    for (int j = 0; cycle->x_t != NULL && j < n; ++j) {
+        column_of(cycle->J_t, n, j, nu, omega);
+        turned(cycle->R_t, nu, speed);
+        for (int i = 0; i < 3; ++i) A[i * n + j] = speed[i];
+    }
+    for (int j = 0; cycle->x_t == NULL && j < n; ++j) {
         column(cycle, j, nu, omega);
         cross(omega, a, part);
         for (int i = 0; i < 3; ++i) part[i] += nu[i];
@@ -130,6 +138,27 @@ static void pose_rows(const Cycle *cycle, double *A, double *b, double *e)
     make_N(cycle->J, cycle->n, turn, A);
     for (int i = 0; i < 8 * cycle->n; ++i) A[i] = -A[i];
     for (int i = 0; i < 8; ++i) e[i] = (i == 0 ? 1.0 : 0.0) - turn[i], b[i] = turn_dot[i];
+}
+
+/* tasks/orientation.py: with s = r_t r_h* = (w, u), of the signs the one with w >= 0, e = 2 u and
+ * e' = (w I - [u]x) omega_t. */
+static void orientation_rows(const Cycle *cycle, const double *held, double *A, double *b,
+                             double *e)
+{
+    const int n = cycle->n, wrist = cycle->x_t != NULL;
+    const double *R = wrist ? cycle->R_t : cycle->R, *J = wrist ? cycle->J_t : cycle->J;
+    double conj[4], s[4], nu[3], omega[3], turning[3], part[3];
+    q_conj(held, conj);
+    q_mul(wrist ? cycle->x_t : cycle->x, conj, s);
+    if (s[0] < 0.0)
+        for (int i = 0; i < 4; ++i) s[i] = -s[i];
+    for (int i = 0; i < 3; ++i) e[i] = 2.0 * s[i + 1], b[i] = 0.0;
+    for (int j = 0; j < n; ++j) {
+        column_of(J, n, j, nu, omega);
+        turned(R, omega, turning);
+        cross(turning, s + 1, part);
+        for (int i = 0; i < 3; ++i) A[i * n + j] = s[0] * turning[i] + part[i];
+    }
 }
 
 /* The insertion depth: minus the third row of the trocar as the effector sees it. */
@@ -196,7 +225,7 @@ int rows_of(const Block *block, int n)
     if (block->n != 0 && block->n != n) return -1;
     switch (block->kind) {
     case RCM: case DIRECTION: case TROCAR_DEPTH: return 2;
-    case TIP: return 3;
+    case TIP: case ORIENTATION: return 3;
     case POSE: return 8;
     case POSTURE: case OBJECTIVE: return n;
     case KEEP_IN: return block->first == block->last ? 1 : 2;
@@ -216,6 +245,7 @@ void task_rows(const Cycle *cycle, const Block *block, double *A, double *b, dou
     case ROLL: roll_rows(cycle, A, b, e); break;
     case DIRECTION: direction_rows(cycle, A, b, e); break;
     case POSE: pose_rows(cycle, A, b, e); break;
+    case ORIENTATION: orientation_rows(cycle, block->orientation, A, b, e); break;
     case POSTURE: posture_rows(cycle, block, A, b, e); break;
     case OBJECTIVE: objective_rows(cycle, block, A, b, e, arena); break;
     default: break;

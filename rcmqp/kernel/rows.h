@@ -16,6 +16,7 @@ typedef enum {
     ROLL,
     DIRECTION,
     POSE,
+    ORIENTATION, /* orientation */
     POSTURE,   /* vectors: posture, continuous */
     OBJECTIVE, /* K_c, c_d, objective */
     JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
@@ -42,6 +43,7 @@ enum { LOWEST, HIGHEST, SPEED, ACCELERATION, JERK, BRAKING, EASING };
 typedef struct Block {
     Kind kind;
     double period, tip_depth, K_c, c_d;
+    double orientation[4]; /* that the tool is to have in the world */
     double gain, deceleration, jerk; /* of a damper, with the period */
     double half_angle, axis[3];
     double shallowest, deepest;
@@ -66,7 +68,10 @@ typedef struct {
     const double *x_d_dot;   /* (8) */
     const double *pivot;     /* (3) */
     const double *pivot_dot; /* (3) */
+    const double *x_t;       /* (8) pose of a tool with a wrist; NULL where it is fixed to the shaft */
+    const double *J_t;       /* (6, n) its local Jacobian; NULL likewise */
     double R[9], p[3];       /* the effector's placement, from x */
+    double R_t[9], p_t[3];   /* the tool's, from x_t */
     double R_d[9], p_d[3], nu_d[3], omega_d[3]; /* the desired one's, and its twist */
 } Cycle;
 
@@ -88,7 +93,7 @@ double objective_value(const Block *block, const double *J, const double *angles
                        double *gradient, Arena *arena);
 
 /* Of the cycle's geometry: R a and R^T a of a rotation (3, 3); a point of the world seen from the
- * effector; column j of the Jacobian, linear and angular part. */
+ * effector; column j of a Jacobian (6, n), of the cycle's if none is named: linear and angular part. */
 static inline void turned(const double *R, const double *a, double *out)
 {
     for (int i = 0; i < 3; ++i, R += 3) out[i] = R[0] * a[0] + R[1] * a[1] + R[2] * a[2];
@@ -106,12 +111,14 @@ static inline void seen(const Cycle *cycle, const double *point, double *out)
     turned_back(cycle->R, apart, out);
 }
 
+static inline void column_of(const double *J, int n, int j, double *nu, double *omega)
+{
+    for (int i = 0; i < 3; ++i) nu[i] = J[i * n + j], omega[i] = J[(3 + i) * n + j];
+}
+
 static inline void column(const Cycle *cycle, int j, double *nu, double *omega)
 {
-    for (int i = 0; i < 3; ++i) {
-        nu[i] = cycle->J[i * cycle->n + j];
-        omega[i] = cycle->J[(3 + i) * cycle->n + j];
-    }
+    column_of(cycle->J, cycle->n, j, nu, omega);
 }
 
 #endif

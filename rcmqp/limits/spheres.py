@@ -59,7 +59,7 @@ class SphereLimit(CompiledLimit, Damper):
     @property
     def mount_depth(self) -> float:
         """Where the shaft begins, from the effector along the shaft [m]; negative."""
-        return self.tip_depth - self.instrument.length
+        return self.tip_depth - (self.instrument.tip - self.instrument.mount_offset)
 
     def ball(self, kind: str, reach: float, first: float) -> Block:
         """Rows for the axis from ``first`` to the tip, ``reach`` from the centre or less [m]."""

@@ -153,7 +153,7 @@ def simulated(scenario: Scenario) -> Insertion:
     """The scenario's instrument in its trocar, on an arm whose limits count as confirmed."""
     given = scenario.insertion()
     return Insertion(
-        given.arm.confirmed(),
+        given.bare.confirmed(),
         given.instrument,
         given.trocar,
         given.angles_start,

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
 from rcmqp.errors import OptionError
+from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.options import at_least, options, positive
 from rcmqp.references.operators import Steered
 from rcmqp.references.paths import Path, views_of
 from rcmqp.references.view import STILL, Reference, Stamped
 from rcmqp.world.arm import ArmState
+from rcmqp.world.camera import camera_pose
 from rcmqp.world.insertion import Insertion
 
 
@@ -176,6 +178,9 @@ class Governed:
 
 def tip_distance(state: ArmState, reference: Reference, tip_depth: float) -> float:
     """Distance of a state's tip from a reference's [m]."""
+    if isinstance(state.tool_at, tuple):
+        asked = dq.translation(camera_pose(reference.x_d, tip_depth))
+        return float(np.linalg.norm(dq.translation(state.tool_at[0]) - asked))
     *_, seen = _kernel.observed(state.x, reference.x_d, reference.pivot, STILL, tip_depth)
     return float(seen[0, 0])
 

@@ -19,7 +19,8 @@ _OBSERVED = ("tip_error", "effector_error", "orientation_error", "rcm_error", "d
 class Derived:
     """Channels of a run out of the rows that its cycles leave, block after block.
 
-    The blocks' sizes do not matter, to the bit.
+    The blocks' sizes do not matter, to the bit. The tip of an instrument with a wrist is its tool,
+    and its orientation error is that from the orientation at the start.
     """
 
     def __init__(self, scenario: Scenario, insertion: Insertion) -> None:
@@ -31,8 +32,9 @@ class Derived:
         """What the next rows say.
 
         Args:
-            rows: x, x_d (n, 8) as dual quaternions of either sign, and J (n, 6, nv), the
-                effector's Jacobian; time (n,) and pivot (n, 3), if they are not the scenario's.
+            rows: x, x_d (n, 8) as dual quaternions of either sign, J (n, 6, nv), the effector's
+                Jacobian, and, for an instrument with a wrist, q (n, nq); time (n,) and
+                pivot (n, 3), if they are not the scenario's.
 
         Returns:
             Arrays of n rows: every channel of Run that is not in what a cycle leaves; and x and
@@ -48,6 +50,14 @@ class Derived:
         x_d = dq.align_sign(rows["x_d"], x)
         axis = np.array(scenario.trocar.axis)
         tip, tip_d, seen = _kernel.observed(x, x_d, pivot, axis, insertion.tip_depth)
+        if insertion.arm.wrist is not None:
+            tool = np.array([insertion.state(q).tool_at[0] for q in rows["q"]])
+            tip = dq.translation(tool)
+            turn = dq.quaternion_mul(dq.quaternion_conj(dq.P(tool)), dq.P(insertion.tool_start))
+            seen[:, _OBSERVED.index("tip_error")] = np.linalg.norm(tip - tip_d, axis=1)
+            seen[:, _OBSERVED.index("orientation_error")] = 2.0 * np.arctan2(
+                np.linalg.norm(turn[:, 1:], axis=1), np.abs(turn[:, 0])
+            )
         return {
             "time": rows.get("time", even),
             "pivot": pivot,

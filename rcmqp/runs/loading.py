@@ -17,10 +17,11 @@ from rcmqp.files import why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.head import Head, opened
-from rcmqp.runs.port import at_port
+from rcmqp.runs.port import at_port, with_instrument
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import arm_names
 from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.port import Port
@@ -46,6 +47,7 @@ def load_scenario(
     flange: str | None = None,
     acceleration: float | Sequence[float | None] | None = None,
     jerk: float | Sequence[float | None] | None = None,
+    instrument: Instrument | None = None,
     port: Port | None = None,
     **changes: Any,
 ) -> Scenario:
@@ -61,6 +63,7 @@ def load_scenario(
         acceleration: limits of the joints in place of the arm's own, one number for all joints or
             one for each [rad/s^2].
         jerk: likewise [rad/s^3]; other limits are given by ``limits``.
+        instrument: in place of the scenario's own; the incision is put on its shaft.
         port: where the incision is, in place of the scenario's own.
         changes: fields of Scenario to be other than the scenario has them, such as ``period``.
 
@@ -87,7 +90,9 @@ def load_scenario(
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
             )
-    return changed(scenario, acceleration=acceleration, jerk=jerk, port=port, **changes)
+    return changed(
+        scenario, acceleration=acceleration, jerk=jerk, instrument=instrument, port=port, **changes
+    )
 
 
 def changed(
@@ -95,10 +100,11 @@ def changed(
     *,
     acceleration: float | Sequence[float | None] | None = None,
     jerk: float | Sequence[float | None] | None = None,
+    instrument: Instrument | None = None,
     port: Port | None = None,
     **changes: Any,
 ) -> Scenario:
-    """A scenario with other limits of the joints, incision and fields; see load_scenario().
+    """A scenario with other joint limits, instrument, incision and fields; see load_scenario().
 
     Raises:
         UnknownName: there is no such field.
@@ -114,6 +120,8 @@ def changed(
     if given:
         limits = dataclasses.replace(scenario.limits or ArmLimits(), **given)
         scenario = dataclasses.replace(scenario, limits=limits)
+    if instrument is not None:
+        scenario = with_instrument(scenario, instrument)
     return scenario if port is None else at_port(scenario, port)
 
 

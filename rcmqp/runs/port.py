@@ -1,4 +1,4 @@
-"""A scenario moved to a port of one's own."""
+"""A scenario moved to a port of one's own, or with an instrument of one's own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any
 
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.runs.scenario import Scenario
-from rcmqp.world.instrument import vector3
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Instrument, vector3
 from rcmqp.world.motions import Breathing, Sinusoid
 from rcmqp.world.port import Port
 
@@ -25,6 +26,31 @@ def at_port(scenario: Scenario, port: Port) -> Scenario:
     after = port.insertion(before)
     if port.keeps_pivot:
         return dataclasses.replace(scenario, trocar=after.trocar)
+    return _moved(scenario, before, after)
+
+
+def with_instrument(scenario: Scenario, instrument: Instrument) -> Scenario:
+    """The scenario with another instrument; the arm stays where it is.
+
+    The trocar is put on the new shaft, its tip as deep inside as before; what the scenario has in
+    the patient goes along as in at_port().
+
+    Raises:
+        InsertionError: the shaft is too short.
+    """
+    before = scenario.insertion()
+    same = ("mount", "tip", "wrist")
+    if all(getattr(instrument, name) == getattr(before.instrument, name) for name in same):
+        return dataclasses.replace(scenario, instrument=instrument)
+    angles = before.angles_start[: before.bare.nv]
+    there = Insertion.on_shaft(before.bare, instrument, angles, depth=before.tip_depth)
+    trocar = dataclasses.replace(scenario.trocar, pivot=there.trocar.pivot, axis=there.trocar.axis)
+    after = Insertion(before.bare, instrument, trocar, angles)
+    return dataclasses.replace(_moved(scenario, before, after), instrument=instrument)
+
+
+def _moved(scenario: Scenario, before: Insertion, after: Insertion) -> Scenario:
+    """The scenario at another insertion, with what it has in the patient."""
     turn = dq.mul(after.x_rcm, dq.conj(before.x_rcm))
     changes: dict[str, Any] = {}
     if isinstance(scenario.motion, Breathing | Sinusoid):

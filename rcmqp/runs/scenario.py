@@ -40,7 +40,7 @@ from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.carried import CarriedArm, own_name
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
-from rcmqp.world.instrument import Camera, Instrument, Trocar
+from rcmqp.world.instrument import Instrument, Mount, Trocar
 from rcmqp.world.loading import arm_names, load_arm, names_its_flange
 from rcmqp.world.motions import MOTIONS, Motion, Still
 from rcmqp.world.obstacles import Sphere
@@ -239,7 +239,7 @@ class Scenario:
         Raises:
             OptionError: the arm holds joints that load_arm() was told to hold.
         """
-        arm = insertion.arm
+        arm = insertion.bare
         if arm.source is not None and arm.source.locked:
             joint, angle = next(iter(arm.source.locked.items()))
             raise OptionError(
@@ -425,6 +425,7 @@ class Scenario:
         del data["limits"], data["carried_arm"]
         if self.governor is None:  # files of before there were governors say the same
             del data["governor"]
+        _leave_out_straight(data["instrument"])
         if self.planner_from == "reference":  # likewise
             del data["planner_from"]
         if self.limits is not None:  # else as in files of earlier versions, whose digest stays
@@ -462,9 +463,7 @@ class Scenario:
             for part in _KINDS.keys() & data.keys() - {"path"}:
                 data[part] = _of_kind(part, data[part])
             part = "instrument"
-            instrument = dict(data["instrument"])
-            instrument["camera"] = Camera(**instrument["camera"])
-            data["instrument"] = Instrument(**instrument)
+            data["instrument"] = Instrument(**data["instrument"])
             part = "trocar"
             data["trocar"] = Trocar(**data["trocar"])
             part = "governor"
@@ -495,6 +494,17 @@ _KINDS: dict[str, tuple[Registry[Any], ...]] = {
     "plant": (PLANTS,),
 }
 """Fields of a scenario that are one of several kinds, and those kinds."""
+
+
+def _leave_out_straight(instrument: dict[str, Any]) -> None:
+    """Leave out, in place, what files of before there were mounts and angled cameras say not."""
+    if instrument["mount"] == dataclasses.asdict(Mount()):
+        del instrument["mount"]
+    if instrument["wrist"] is None:
+        del instrument["wrist"]
+    for name in ("angle", "roll"):
+        if instrument["camera"][name] == 0.0:
+            del instrument["camera"][name]
 
 
 def _of_kind(name: str, data: Mapping[str, Any]) -> Any:

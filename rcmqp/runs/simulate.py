@@ -191,7 +191,7 @@ def _check_made_for(scenario: Scenario, controller: Controller) -> None:
             f"the controller was made for another insertion than that of {scenario}; "
             "make it with scenario.insertion()"
         )
-    if not scenario.has_limits_of(insertion.arm):
+    if not scenario.has_limits_of(insertion.bare):
         raise OptionError(
             f"the controller's arm has other joint limits than that of {scenario}; make the "
             "controller with scenario.insertion(), or the scenario with Scenario.of(name, "

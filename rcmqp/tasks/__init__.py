@@ -12,6 +12,7 @@ from rcmqp.tasks.base import Residual, Task, Together, check_name
 from rcmqp.tasks.depth import DepthTask
 from rcmqp.tasks.direction import DirectionTask
 from rcmqp.tasks.objective import ObjectiveTask
+from rcmqp.tasks.orientation import OrientationTask
 from rcmqp.tasks.pose import PoseTask
 from rcmqp.tasks.posture import PostureTask
 from rcmqp.tasks.rcm import RcmTask
@@ -28,6 +29,7 @@ TASKS: dict[str, type[Task]] = {
         DepthTask,
         RollTask,
         DirectionTask,
+        OrientationTask,
         PostureTask,
         ObjectiveTask,
     )
@@ -50,6 +52,7 @@ __all__ = [
     "DepthTask",
     "DirectionTask",
     "ObjectiveTask",
+    "OrientationTask",
     "PoseTask",
     "PostureTask",
     "RcmTask",

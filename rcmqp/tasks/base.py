@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp._kernel import Block, frozen, record
@@ -21,7 +22,9 @@ from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
-Cycle: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]
+Cycle: TypeAlias = tuple[
+    Array, Array, Array, Array, Array, Array, Array, Array, Array, pin.SE3 | tuple[Array, Array]
+]
 """Arrays of a state and a reference, in the order in which compiled code takes them."""
 
 
@@ -37,6 +40,7 @@ def cycle(state: ArmState, reference: Reference) -> Cycle:
         reference.x_d_dot,
         reference.pivot,
         reference.pivot_dot,
+        state.tool_at,
     )
 
 

@@ -19,8 +19,11 @@ class TipTask(CompiledTask):
         e = (p + R a) - (p_d + R_d a),
         de/dt = R (nu - [a]x omega) - R_d (nu_d + omega_d x a).
 
+    A tool with a wrist is where the wrist has it, p_t with R_t and nu_t, and is asked to be there
+    too: then e = p_t - (p_d + R_d a), and R_t nu_t stands in place of R (nu - [a]x omega).
+
     Attributes:
-        tip_depth: from the effector to the tip, along the shaft [m].
+        tip_depth: from the effector to the tip, along the shaft [m]; with a straight wrist.
     """
 
     name: ClassVar[str] = "tip"

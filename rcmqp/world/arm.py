@@ -19,6 +19,8 @@ from rcmqp.errors import FrameNotFound, InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm_limits import Given, SpeedNearLimits
+from rcmqp.world.frames import Shaft, Tool
+from rcmqp.world.instrument import Wrist
 from rcmqp.world.limited import Limited
 
 _LOCAL = pin.ReferenceFrame.LOCAL
@@ -76,6 +78,8 @@ class ArmState:
             command: the next one is kept within the acceleration limits of it.
         a: (nv,) joint acceleration now [rad/s^2]; zero where none is given. In a control loop, the
             last command minus the one before, over the period: limits on jerk count from it.
+        tool_at: what ``tool`` is made of: where the tool is, seen from the effector; or, with a
+            wrist, its pose (8,) in the world as a unit dual quaternion and its Jacobian (6, nv).
     """
 
     q: Array
@@ -85,6 +89,21 @@ class ArmState:
     J_local: Array
     v: Array
     a: Array
+    tool_at: pin.SE3 | tuple[Array, Array]
+
+    @property
+    def shaft(self) -> Shaft:
+        """The shaft: its points by their depth beyond the effector."""
+        return Shaft(self.oMe, self.J_local, self.v)
+
+    @property
+    def tool(self) -> Tool:
+        """The tool: the tip, in the shaft's axes, or what a wrist carries."""
+        if isinstance(self.tool_at, tuple):
+            x, J_local = self.tool_at
+            return Tool(dq.to_se3(x), J_local)
+        turned = self.tool_at.toActionMatrixInverse() @ self.J_local
+        return Tool(self.oMe * self.tool_at, turned)
 
     @property
     def J_world_aligned(self) -> Array:
@@ -134,6 +153,8 @@ class Arm(Limited):
         jMflange: placement of the flange in the last joint's frame.
         lower, upper, velocity, acceleration, jerk, speed_near_limits: see Limited.
         middle: (nv,) middle of the position limits; 0 for continuous joints.
+        wrist: of the instrument, whose joints are the arm's last ones, see with_wrist(); None
+            for an arm alone.
         srs_offsets: (nv,) what to add to the joint angles so that they are those of a
             spherical-revolute-spherical arm that is straight at zero; None for other arms.
         source: the file that the model was read from, and what is known of it.
@@ -156,6 +177,7 @@ class Arm(Limited):
         by_hand: Mapping[str, Any] | None = None,
         srs_offsets: ArrayLike | None = None,
         source: ModelSource | None = None,
+        wrist: Wrist | None = None,
     ) -> None:
         """Make an arm of a model.
 
@@ -177,14 +199,16 @@ class Arm(Limited):
                 own.
             srs_offsets: see the attribute.
             source: the file that the model was read from.
+            wrist: whose joints the model's last ones are.
         """
         frame = find_frame(model, flange)
         self.model, self.flange, self.name = model, flange, name
         self.title, self.licence, self.source = title or name, licence, source
+        self.wrist = wrist
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
         self.jMflange = frame.placement * offset
-        self._put_effector(self.jMflange)
+        self._put_effector(self.jMflange, pin.SE3.Identity())
         self._sizes: tuple[int, int] = (model.nq, model.nv)
         self._still = _vector("still", np.zeros(model.nv), model.nv)
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
@@ -217,10 +241,19 @@ class Arm(Limited):
         """Size of Pinocchio's configuration vector; larger than nv with continuous joints."""
         return int(self.model.nq)
 
-    def with_effector(self, flangeMe: pin.SE3) -> Arm:
-        """The same arm, with the effector at a fixed placement seen from the flange."""
+    @property
+    def last_joint(self) -> int:
+        """Pinocchio's index of the joint that carries the flange."""
+        return self._joint
+
+    def with_effector(self, flangeMe: pin.SE3, depth: float = 0.0) -> Arm:
+        """The same arm, with the effector at a fixed placement seen from the flange.
+
+        Without a wrist the tool is ``depth`` [m] beyond the effector, along its z.
+        """
         arm = copy.copy(self)
-        arm._put_effector(self.jMflange * flangeMe)
+        tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, depth]))
+        arm._put_effector(self.jMflange * flangeMe, tip)
         return arm
 
     def state(
@@ -245,7 +278,12 @@ class Arm(Limited):
         J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
         x = _kernel.from_xyzquat(_xyzquat(oMe))
         angles = q if nq == nv else self._frozen_angles(q)
-        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v, a)
+        tool = self._tip
+        if self.wrist is not None:
+            oMt = _placement(model, data, self._tool)
+            J_t = _kernel.frozen(_jacobian(model, data, self._tool, _LOCAL), 6, nv)
+            tool = _kernel.from_xyzquat(_xyzquat(oMt)), J_t
+        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v, a, tool)
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
@@ -346,11 +384,20 @@ class Arm(Limited):
             )
         return np.array([angles[joint] for joint in self.joints], dtype=float)
 
-    def _put_effector(self, jMe: pin.SE3) -> None:
-        """Put the effector at a placement seen from the last joint: a frame of its own."""
-        self._kinematics = self.model.copy()
+    def _put_effector(self, jMe: pin.SE3, tip: pin.SE3) -> None:
+        """Put the effector at a placement seen from the flange's joint: a frame of its own.
+
+        A wrist's tool is another one; without a wrist the tool is at ``tip``, seen from the
+        effector.
+        """
+        self._kinematics, self._tip = self.model.copy(), tip
         effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
         self._effector = self._kinematics.addFrame(effector)
+        if self.wrist is not None:
+            at = pin.SE3(np.eye(3), np.array([0.0, 0.0, self.wrist.tool]))
+            last = self.model.njoints - 1
+            tool = pin.Frame("rcmqp_tool", last, at, pin.FrameType.OP_FRAME)
+            self._tool = self._kinematics.addFrame(tool)
         self._scratch = _Scratch(self._kinematics)
 
     def _frozen_angles(self, q: Array) -> Array:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from rcmqp.maths import dualquaternion as dq
@@ -25,9 +26,19 @@ NOTHING, OUTSIDE = -1, -2
 """What a pixel shows where there is no sphere, and outside of the round image."""
 
 
-def camera_pose(x: ArrayLike, tip_depth: float) -> Array:
-    """Pose (..., 8) of the camera, at the tip, for effector poses x (..., 8)."""
-    return dq.mul(x, dq.from_translation([0.0, 0.0, tip_depth]))
+def camera_pose(x: ArrayLike, tip_depth: float, camera: Camera | None = None) -> Array:
+    """Pose (..., 8) of the camera, at the tip, for effector poses x (..., 8).
+
+    Args:
+        x: effector poses.
+        tip_depth: from the effector to the tip, along the shaft [m].
+        camera: whose angle and roll count; without it, one that looks along the shaft.
+    """
+    at_tip = dq.mul(x, dq.from_translation([0.0, 0.0, tip_depth]))
+    if camera is None:
+        return at_tip
+    turn = pin.SE3(camera.rotation, np.zeros(3))
+    return dq.mul(at_tip, dq.from_se3(turn))
 
 
 @options

@@ -37,9 +37,9 @@ class Collisions:
             self._add(name, joint, placement, shape)
         start = instrument.mount_offset + 2.0 * instrument.radius
         length = instrument.tip - start
-        middle = pin.SE3(np.eye(3), np.array([0.0, 0.0, start + length / 2.0]))
+        middle = instrument.on_shaft(start + length / 2.0)
         capsule = coal.Capsule(instrument.radius, length)
-        self._add(SHAFT, arm.model.njoints - 1, arm.jMflange * middle, capsule)
+        self._add(SHAFT, arm.last_joint, arm.jMflange * middle, capsule)
         self._data = arm.model.createData()
         self._pair()
 

@@ -90,7 +90,7 @@ def ease_of(
         depth: of the tip beyond the trocar [m].
         collisions: of the arm with the instrument.
     """
-    effector = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, instrument.tip - depth])))
+    effector = arm.with_effector(instrument.on_shaft(instrument.tip - depth))
     start = effector.state(arm.configuration(angles)).oMe
     targets = [start, *_targets(start)]
     room = np.minimum(np.where(arm.turns, *AT_EASE), (arm.upper - arm.lower) / 4.0)

@@ -9,12 +9,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rcmqp.errors import InsertionError, TrocarOffShaft
+from rcmqp.errors import InsertionError, OptionError, TrocarOffShaft
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.instrument import Instrument, Trocar, Vector3, vector3
 from rcmqp.world.obstacles import Sphere
+from rcmqp.world.wrist import with_wrist
 
 SHAFT_TOLERANCE = 1e-6
 """How far the trocar may lie off the shaft's axis at the start [m]."""
@@ -27,11 +28,13 @@ class Insertion:
     placement at the start is x_d(0), which is also x_rcm of equation (7).
 
     Attributes:
-        arm: the arm, its effector on the shaft.
+        arm: the arm, its effector on the shaft; with the joints of the instrument's wrist, if any.
+        bare: the arm that was given.
         instrument: the endoscope.
         trocar: the incision.
         angles_start: (nv,) joint angles at the start [rad].
         q_start: (nq,) the same as Pinocchio's configuration.
+        tool_start: (8,) pose of the tool in the world at the start.
         x_rcm: (8,) x_d(0): at the pivot, turned as the shaft is at the start.
         tip_depth: how far the tip is beyond the trocar at the start [m].
         trocar_offset: how far the trocar is off the shaft's axis at the start [m]. The effector
@@ -57,7 +60,8 @@ class Insertion:
             arm: its flange carries the instrument.
             instrument: the endoscope.
             trocar: the incision.
-            angles_start: (nv,) joint angles at the start [rad].
+            angles_start: (nv,) joint angles at the start [rad]; a wrist's may be left out, and it
+                starts straight.
             tolerance: how far the trocar may lie off the shaft's axis [m].
             obstacles: what the instrument is to keep out of.
 
@@ -67,24 +71,36 @@ class Insertion:
             InsertionError: the trocar is not between the shaft's ends, the tip is outside the
                 trocar's depth range, or the shaft outside its cone.
         """
+        self.bare, arm = arm, with_wrist(arm, instrument)
+        angles_start = np.asarray(angles_start, dtype=float)
+        if arm.wrist is not None and angles_start.size == arm.nv - len(arm.wrist.joints):
+            angles_start = np.concatenate([angles_start, np.zeros(len(arm.wrist.joints))])
         arm.check_limits(angles_start)
-        flange = arm.with_effector(pin.SE3.Identity())
+        mount = arm.with_effector(instrument.mount.placement)
         q_start = arm.configuration(angles_start)
-        oMf = flange.state(q_start).oMe
+        oMm = mount.state(q_start).oMe
         pivot = np.array(trocar.pivot)
-        seen = oMf.actInv(pivot)
+        seen = oMm.actInv(pivot)
         self.tolerance, self.trocar_offset = tolerance, float(np.hypot(seen[0], seen[1]))
         if self.trocar_offset > tolerance:
             raise TrocarOffShaft(self.trocar_offset, tolerance)
         along = float(seen[2])
         _check_depth(instrument, trocar, along)
-        _check_tilt(trocar, oMf.rotation[:, 2])
-        self.arm = arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, along])))
+        _check_tilt(trocar, oMm.rotation[:, 2])
+        self.arm = arm.with_effector(instrument.on_shaft(along), instrument.tip - along)
         self.instrument, self.trocar, self.obstacles = instrument, trocar, tuple(obstacles)
         self.tip_depth = instrument.tip - along
+        tool = self.arm.state(q_start).tool.oMt
+        self.tool_start = dq.from_se3(tool)
+        aside = float(np.linalg.norm(oMm.actInv(tool.translation) - [0.0, 0.0, instrument.tip]))
+        if aside > SHAFT_TOLERANCE:
+            raise InsertionError(
+                f"the tool starts {1e3 * aside:.1f} mm from where a straight wrist has it; give "
+                "start angles with the wrist straight, or none for it"
+            )
         self.angles_start, self.q_start = arm.angles(q_start), q_start
-        self.x_rcm = dq.from_se3(pin.SE3(oMf.rotation, pivot))
-        for array in (self.angles_start, self.q_start, self.x_rcm):
+        self.x_rcm = dq.from_se3(pin.SE3(oMm.rotation, pivot))
+        for array in (self.angles_start, self.q_start, self.x_rcm, self.tool_start):
             array.setflags(write=False)
 
     @classmethod
@@ -101,9 +117,11 @@ class Insertion:
         Without ``angles_start`` the arm starts at its home.
         """
         angles = arm.home if angles_start is None else angles_start
-        oMf = arm.with_effector(pin.SE3.Identity()).state(arm.configuration(angles)).oMe
-        pivot = oMf.act(np.array([0.0, 0.0, instrument.tip - depth]))
-        return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMf.rotation[:, 2])), angles)
+        whole = with_wrist(arm, instrument) if np.size(angles) != arm.nv else arm
+        mount = whole.with_effector(instrument.mount.placement)
+        oMm = mount.state(whole.configuration(angles)).oMe
+        pivot = oMm.act(np.array([0.0, 0.0, instrument.tip - depth]))
+        return cls(arm, instrument, Trocar(tuple(pivot), tuple(oMm.rotation[:, 2])), angles)
 
     def state(
         self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None
@@ -125,6 +143,17 @@ class Insertion:
                 "longer"
             )
 
+    def check_camera_on_shaft(self, what: str) -> None:
+        """Refuse an instrument whose camera, or tool, a wrist moves; ``what`` is for others.
+
+        Raises:
+            OptionError: it has a wrist.
+        """
+        if self.arm.wrist is not None:
+            raise OptionError(
+                f"{what} is for a camera that is fixed to the shaft; this instrument has a wrist"
+            )
+
     def from_start(self, vector: Sequence[float]) -> Vector3:
         """A vector (3,) in the axes of x_d(0), in those of the world.
 
@@ -133,7 +162,7 @@ class Insertion:
         return vector3("vector", dq.rotate(dq.P(self.x_rcm), vector))
 
     def tip(self, x: ArrayLike) -> Array:
-        """Tip (..., 3) in the world [m] for effector poses x (..., 8)."""
+        """Tip (..., 3) in the world [m] for effector poses x (..., 8), of a straight wrist."""
         return dq.translation(x) + dq.rotate(dq.P(x), np.array([0.0, 0.0, self.tip_depth]))
 
 

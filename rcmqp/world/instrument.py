@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.maths.options import at_least, between, options, part, positive, refused, rule
+from rcmqp.maths.options import (
+    at_least,
+    between,
+    finite,
+    from_to,
+    options,
+    or_none,
+    part,
+    positive,
+    refused,
+    rule,
+)
+
+STEEPEST_VIEW = math.radians(70.0)
+"""The most that a camera may look away from the shaft [rad]."""
 
 Vector3: TypeAlias = tuple[float, float, float]
 
@@ -42,6 +58,23 @@ def unit_vector3(name: str, values: ArrayLike) -> Vector3:
     return vector3(name, np.array(vector) / length)
 
 
+def _rpy(name: str, values: ArrayLike) -> Vector3:
+    """Roll, pitch and yaw, none of them beyond a whole turn: then they are degrees."""
+    angles = vector3(name, values)
+    if max(map(abs, angles)) > 2.0 * math.pi:
+        raise refused(name, values, "in rad, none beyond a whole turn; are these degrees?")
+    return angles
+
+
+def _travel(name: str, values: ArrayLike) -> tuple[float, float]:
+    """Least and largest angle about zero, neither beyond two turns."""
+    array = _numbers(values)
+    good = array.shape == (2,) and array[0] <= 0.0 <= array[1] and array[0] < array[1]
+    if not good or not float(np.abs(array).max()) <= 4.0 * math.pi:
+        raise refused(name, values, "the least and the largest angle in rad, about zero")
+    return float(array[0]), float(array[1])
+
+
 def _depth_range(name: str, values: ArrayLike) -> tuple[float, float]:
     array = _numbers(values)
     if array.shape != (2,) or not (np.isfinite(array).all() and array[0] < array[1]):
@@ -60,39 +93,143 @@ def _numbers(values: ArrayLike) -> Array:
 @options
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """The endoscope's camera: at the tip, looking along the shaft.
+    """The endoscope's camera: at the tip, looking along the shaft or at an angle to it.
 
-    In its image x points right and y down.
+    In its image x points right and y down. At angle and roll zero these are the shaft's x and y.
 
     Attributes:
         field_of_view: full angle of the round image [rad]. The default, 70 deg, is customary
             for laparoscopes; no source was found (60 and 80 deg are documented).
+        angle: between the shaft and the direction of view [rad], from 0 to 70 deg. The camera
+            looks to the side of the shaft's y, which is down in the image. A mount that is
+            turned about the shaft makes it look to another side.
+        roll: of the camera about its direction of view [rad], after it is turned by ``angle``.
     """
 
     field_of_view: float = field(default=math.radians(70.0), metadata=between(0.0, math.pi, "rad"))
+    angle: float = field(default=0.0, metadata=from_to(0.0, STEEPEST_VIEW, "rad"))
+    roll: float = field(default=0.0, metadata=finite("rad"))
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) from the camera's axes to the shaft's: a turn about x, then the roll."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        d, e = math.cos(self.roll), math.sin(self.roll)
+        tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+        return np.asarray(tilt @ np.array([[d, -e, 0.0], [e, d, 0.0], [0.0, 0.0, 1.0]]))
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where the instrument is on the flange, and how it is turned there.
+
+    Attributes:
+        xyz: (3,) its origin, seen from the flange [m].
+        rpy: (3,) turns about the flange's x, y and z, one after the other [rad].
+    """
+
+    xyz: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(vector3))
+    rpy: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(_rpy))
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Of the mount, seen from the flange."""
+        return pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), np.array(self.xyz))
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class WristJoint:
+    """A turning joint between shaft and tool.
+
+    Attributes:
+        name: of the joint.
+        axis: (3,) that it turns about, as a unit vector in the axes of the straight wrist, which
+            are the shaft's.
+        position: its least and its largest angle [rad]; zero, where the wrist is straight, is
+            between them.
+        velocity: its speed limit [rad/s].
+        along: from the joint before, or from the end of the shaft, along the straight wrist [m].
+        acceleration: its limit [rad/s^2]; one is assumed without it, as of an arm.
+        jerk: likewise [rad/s^3].
+    """
+
+    name: str
+    axis: Vector3 = field(metadata=rule(unit_vector3))
+    position: tuple[float, float] = field(metadata=rule(_travel))
+    velocity: float = field(metadata=positive("rad/s"))
+    along: float = field(default=0.0, metadata=at_least(0.0, "m"))
+    acceleration: float | None = field(default=None, metadata=or_none(positive("rad/s^2")))
+    jerk: float | None = field(default=None, metadata=or_none(positive("rad/s^3")))
+
+
+def _wrist_joints(name: str, values: Iterable[Any]) -> tuple[WristJoint, ...]:
+    """Joints; mappings, as files have them, are taken for their keyword arguments."""
+    take = part(WristJoint)["rule"]
+    joints = tuple(take(name, value) for value in values)
+    if not joints:
+        raise refused(name, values, "at least one joint; an instrument without one has no wrist")
+    return joints
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Wrist:
+    """The joints between shaft and tool, such as roll, pitch and yaw.
+
+    At zero the wrist is straight, and the tool in line with the shaft.
+
+    Attributes:
+        joints: from the shaft to the tool.
+        tool: from the last joint to the tool's point, along the straight wrist [m].
+    """
+
+    joints: tuple[WristJoint, ...] = field(metadata=rule(_wrist_joints))
+    tool: float = field(default=0.0, metadata=at_least(0.0, "m"))
+
+    @property
+    def length(self) -> float:
+        """From the end of the shaft to the tool's point where the wrist is straight [m]."""
+        return sum(joint.along for joint in self.joints) + self.tool
 
 
 @options
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """A rigid shaft along the flange's z axis, with a camera at its tip.
+    """A rigid shaft along its mount's z axis, with a tool at its end.
+
+    Without a wrist the tool is the shaft's tip, and the camera looks out of it.
 
     Attributes:
         length: of the shaft [m]; 10 mm laparoscopes are 0.30 to 0.35 m long.
         radius: of the shaft [m].
-        mount_offset: where the shaft begins, along the flange's z [m].
+        mount_offset: where the shaft begins, along the mount's z [m].
         camera: at the tip.
+        mount: on the flange; the flange itself without it.
+        wrist: joints between the shaft and the tool; None for a tool that is fixed to the shaft.
     """
 
     length: float = field(default=0.33, metadata=positive("m"))
     radius: float = field(default=0.005, metadata=positive("m"))
     mount_offset: float = field(default=0.0, metadata=at_least(0.0, "m"))
     camera: Camera = field(default_factory=Camera, metadata=part(Camera))
+    mount: Mount = field(default_factory=Mount, metadata=part(Mount))
+    wrist: Wrist | None = field(default=None, metadata=or_none(part(Wrist)))
+
+    @property
+    def end(self) -> float:
+        """Distance of the shaft's end from the mount, along the shaft [m]."""
+        return self.mount_offset + self.length
 
     @property
     def tip(self) -> float:
-        """Distance of the tip from the flange, along its z [m]."""
-        return self.mount_offset + self.length
+        """Distance of the tip from the mount, along the shaft [m]; with a straight wrist."""
+        return self.end if self.wrist is None else self.end + self.wrist.length
+
+    def on_shaft(self, along: float) -> pin.SE3:
+        """The point of the shaft ``along`` [m] from the mount, seen from the flange."""
+        return self.mount.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, along]))
 
 
 @options

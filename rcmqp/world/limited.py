@@ -121,6 +121,11 @@ class Limited:
         arm._assumed = {}
         return arm
 
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether confirmed() made the arm."""
+        return not self._assumed
+
     def check_limits_known(self) -> None:
         """Check that a real arm may be driven with these limits.
 

@@ -7,8 +7,6 @@ import math
 import warnings
 from dataclasses import dataclass
 
-import numpy as np
-import pinocchio as pin
 
 from rcmqp.errors import ArmWarning, OptionError
 from rcmqp.world.collisions import Collisions
@@ -76,7 +74,7 @@ class Port:
         Warns:
             ArmWarning: the trocar's axis points upwards, or the arm touches itself or the shaft.
         """
-        arm, instrument, angles = before.arm, before.instrument, before.angles_start
+        arm, instrument, angles = before.bare, before.instrument, before.angles_start
         trocar, tolerance = before.trocar, before.tolerance
         if self.cone is not None:
             trocar = dataclasses.replace(trocar, cone_half_angle=self.cone)
@@ -84,12 +82,12 @@ class Port:
             tolerance = SHAFT_TOLERANCE if self.tolerance is None else self.tolerance
             depth = before.tip_depth if self.depth is None else self.depth
             stays = self.pivot is None or self.tolerance is not None
-            flange = arm.with_effector(pin.SE3.Identity()).state(before.q_start).oMe
-            shaft = vector3("shaft", flange.rotation[:, 2])
-            on_shaft = flange.act(np.array([0.0, 0.0, instrument.tip - depth]))
+            effector = arm.with_effector(instrument.on_shaft(instrument.tip - depth))
+            at = effector.state(arm.configuration(angles[: arm.nv])).oMe
+            shaft = vector3("shaft", at.rotation[:, 2])
             trocar = dataclasses.replace(
                 trocar,
-                pivot=self.pivot or vector3("pivot", on_shaft),
+                pivot=self.pivot or vector3("pivot", at.translation),
                 axis=self.axis or (shaft if stays else DOWN),
             )
             if not stays:

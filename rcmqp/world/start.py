@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from rcmqp.errors import NoStartFound
 from rcmqp.maths.dualquaternion import Array
@@ -154,8 +153,8 @@ class Search:
 
     def look(self, trocar: Trocar, depth: float, seeds: Iterable[Array]) -> None:
         """Search from each of the seeds, and keep what reaches the trocar."""
-        tip = self.instrument.tip
-        effector = self.arm.with_effector(pin.SE3(np.eye(3), np.array([0.0, 0.0, tip - depth])))
+        on_shaft = self.instrument.on_shaft(self.instrument.tip - depth)
+        effector = self.arm.with_effector(on_shaft)
         for angles in seeds:
             self.searches += 1
             angles = np.clip(angles, self.lower, np.maximum(self.lower, self.upper))

@@ -17,6 +17,7 @@ from rcmqp.tasks import (
     DepthTask,
     DirectionTask,
     ObjectiveTask,
+    OrientationTask,
     PoseTask,
     PostureTask,
     RcmTask,
@@ -66,6 +67,10 @@ def tip(task: TipTask, state: ArmState, reference: Reference) -> Residual:
     a = np.array([0.0, 0.0, task.tip_depth])
     jacobian = R @ (nu - pin.skew(a) @ omega)
     error = state.oMe.translation - d.p + (R - d.R) @ a
+    if isinstance(state.tool_at, tuple):
+        tool = state.tool
+        jacobian = tool.oMt.rotation @ tool.J_local[:3]
+        error = tool.oMt.translation - d.p - d.R @ a
     return Residual(error, jacobian, -d.R @ (d.nu + pin.skew(d.omega) @ a))
 
 
@@ -95,6 +100,16 @@ def roll(task: RollTask, state: ArmState, reference: Reference) -> Residual:
         own[None] @ state.J_local[3:],
         np.array([-other @ desired(reference).omega]),
     )
+
+
+@residual.register
+def orientation(task: OrientationTask, state: ArmState, reference: Reference) -> Residual:
+    """See OrientationTask."""
+    R, held = state.tool.oMt.rotation, np.asarray(task.orientation, dtype=float)
+    s = dq.quaternion_mul(dq.P(dq.from_se3(state.tool.oMt)), dq.quaternion_conj(held))
+    s = s if s[0] >= 0.0 else -s
+    jacobian = (s[0] * np.eye(3) - pin.skew(s[1:])) @ R @ state.tool.J_local[3:]
+    return Residual(2.0 * s[1:], jacobian, np.zeros(3))
 
 
 @residual.register

@@ -44,8 +44,9 @@ def views(scenario: Scenario, size: int = 480) -> list[Array]:
     images = []
     for target in ((0.0, 0.0, depth), *path.task.targets):
         view = mapping.view(mapping.way(target, depth), (0.0, 0.0, 0.0), depth)
-        x = camera_pose(view_pose(dq.IDENTITY, view).x_d, depth)
-        pinhole = Pinhole(scenario.instrument.camera, size)
+        camera = scenario.instrument.camera
+        x = camera_pose(view_pose(dq.IDENTITY, view).x_d, depth, camera)
+        pinhole = Pinhole(camera, size)
         images.append(pinhole.render(x, shown, (*SPHERES, OBSTACLE)))
     return images
 

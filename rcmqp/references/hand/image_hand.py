@@ -1,8 +1,10 @@
-"""A hand in front of a live picture: right is right in the picture, however it is rolled."""
+"""A hand in front of a live picture: right is right in it, however the camera is turned."""
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.references.hand.clutch import Clutch
@@ -19,13 +21,15 @@ class ImageHand:
     """Adds the way of a hand to the view, in the axes of the picture as it is now.
 
     HandMapping makes a view of where the hand is, and its axes are those of the first picture.
-    Here each step of the hand turns and moves the camera from where it is. With (x, y) the step
-    rotated by the view's roll gamma, s the scale and d the depth of the tip,
+    Here each step of the hand turns and moves the camera from where it is. With (x, y, z) the
+    step turned from the camera's axes to the shaft's and then by the view's roll gamma, s the
+    scale and d the depth of the tip,
 
         d alpha = s x / (d cos(beta)),   d beta = -s y / d,   d t_z = s z,
 
-    so that the tip moves s times as far as the hand and the picture's middle moves in the
-    hand's direction exactly. The handle's roll is the camera's.
+    so that the tip moves s times as far as the hand, in the hand's direction in the picture. For
+    a camera that looks to the side, inwards is its direction of view, not the shaft's. The
+    handle's roll turns the shaft.
 
     Attributes:
         view: what the hand asks for.
@@ -39,15 +43,17 @@ class ImageHand:
             scale: s, tip over hand.
 
         Raises:
-            OptionError: the scale is not positive and finite.
+            OptionError: the scale is not positive and finite, or the instrument has a wrist.
         """
         if not 0.0 < scale < math.inf:
             raise OptionError(f"scale = {scale}, it must be positive and finite")
+        insertion.check_camera_on_shaft("a hand in front of the picture")
         trocar, instrument = insertion.trocar, insertion.instrument
         x, y, z = insertion.from_start((0.0, 0.0, 1.0))
         a, b, c = trocar.axis
         leaning = math.acos(max(-1.0, min(1.0, x * a + y * b + z * c)))
         self.view = ViewCommand()
+        self._turn = instrument.camera.rotation
         self._scale, self._tip_depth, self._clutch = scale, insertion.tip_depth, Clutch()
         self._flattest = math.cos(max(0.0, min(trocar.cone_half_angle - leaning, STEEPEST)))
         self._depths = (
@@ -61,9 +67,8 @@ class ImageHand:
         way, before = self._clutch.step(state.position, state.engaged), self._way
         turn = state.roll - self._roll if self._clutch.counted else 0.0
         self._way, self._roll = way, state.roll
-        s, view = self._scale, self.view
-        right, down = s * (way[0] - before[0]), s * (way[1] - before[1])
-        inwards = s * (way[2] - before[2])
+        view, step = self.view, self._scale * (np.array(way) - np.array(before))
+        right, down, inwards = (self._turn @ step).tolist()
         if right or down or inwards or turn:
             sine, cosine = math.sin(view.gamma), math.cos(view.gamma)
             x, y = cosine * right - sine * down, sine * right + cosine * down

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators.camera_task import CameraTask
@@ -50,14 +51,26 @@ class Eyes:
     def __init__(
         self, operator: Operator, task: CameraTask, insertion: Insertion, rng: np.random.Generator
     ) -> None:
-        """In front of the camera of an insertion."""
+        """In front of the camera of an insertion.
+
+        Raises:
+            OptionError: the camera does not look straight along the shaft, or a wrist moves it.
+        """
+        insertion.check_camera_on_shaft("a camera task")
+        camera = insertion.instrument.camera
+        if camera.angle or camera.roll:
+            raise OptionError(
+                f"the camera looks {math.degrees(camera.angle):.0f} deg from the shaft, rolled by "
+                f"{math.degrees(camera.roll):.0f} deg; a camera task is for a person at one that "
+                "looks along the shaft: set angle and roll of the camera to 0"
+            )
         self.operator, self._rng = operator, rng
         self._tip_depth = insertion.tip_depth
         self._pivot = dq.translation(insertion.x_rcm).tolist()
         r = dq.P(insertion.x_rcm)
         self._r_start = r
         self._rows = dq.rotate(r, np.eye(3)).tolist()  # axes of the start, in the world
-        self._half = insertion.instrument.camera.field_of_view / 2.0
+        self._half = camera.field_of_view / 2.0
         self._shown = np.array([sphere.centre for sphere in (*task.spheres, task.obstacle)])
         self._frames: deque[Frame] = deque()
         self.remember()

@@ -17,7 +17,7 @@ from rcmqp.show.viewer.meshcat_ import SetTransform, TreePath
 from rcmqp.show.viewer.shapes import arm_parts
 from rcmqp.world.arm import Arm
 from rcmqp.world.insertion import Insertion
-from rcmqp.world.instrument import Vector3, vector3
+from rcmqp.world.instrument import Instrument, Vector3, vector3
 from rcmqp.world.obstacles import Sphere
 
 
@@ -25,17 +25,18 @@ def kinematics(arm: Arm, q: Array) -> dict[str, Any]:
     """What the page needs to pose the arm: joint by joint, and where the flange is.
 
     A joint at angle a moves its link to placement * exp(a (linear, angular)), seen from the link
-    before; ``linear`` and ``angular`` (3,) are the joint's axis, one of them zero.
+    before; ``linear`` and ``angular`` (3,) are the joint's axis, one of them zero. The flange is
+    on joint ``flange_joint``, counted from 1; joints beyond are those of the instrument's wrist.
 
     Args:
         arm: its effector at the flange.
         q: (nq,) any configuration: the flange's placement on the last link is found there.
     """
     model, angles = arm.model, arm.angles(q)
-    joints, oMi = [], pin.SE3.Identity()
+    joints, oMi = [], [pin.SE3.Identity()]
     for i in range(1, model.njoints):
         S = np.asarray(model.joints[i].createData().S).ravel()
-        oMi = oMi * model.jointPlacements[i] * pin.exp6(angles[i - 1] * S)
+        oMi.append(oMi[-1] * model.jointPlacements[i] * pin.exp6(angles[i - 1] * S))
         joints.append(
             {
                 "name": model.names[i],
@@ -46,7 +47,8 @@ def kinematics(arm: Arm, q: Array) -> dict[str, Any]:
         )
     return {
         "joints": joints,
-        "flange": _columns(oMi.actInv(arm.state(q).oMe).homogeneous),
+        "flange": _columns(oMi[arm.last_joint].actInv(arm.state(q).oMe).homogeneous),
+        "flange_joint": arm.last_joint,
     }
 
 
@@ -78,7 +80,11 @@ def surroundings(run: Run, insertion: Insertion) -> dict[str, Any]:
             "length": instrument.length,
             "radius": instrument.radius,
             "mount_offset": instrument.mount_offset,
+            "mount": _columns(instrument.mount.placement.homogeneous),
             "field_of_view": instrument.camera.field_of_view,
+            "angle": instrument.camera.angle,
+            "roll": instrument.camera.roll,
+            "wrist": _segments(instrument),
         },
         "obstacles": [
             {"centre": list(sphere.centre), "radius": sphere.radius}
@@ -92,6 +98,12 @@ def surroundings(run: Run, insertion: Insertion) -> dict[str, Any]:
         "skeleton": insertion.arm.skeleton(run.q[0]).tolist(),
         "deepest": _deepest(run, insertion),
     }
+
+
+def _segments(instrument: Instrument) -> list[float]:
+    """From each joint of the wrist to the next, and from the last one to the tool [m]."""
+    wrist = instrument.wrist
+    return [] if wrist is None else [*(each.along for each in wrist.joints[1:]), wrist.tool]
 
 
 def targets(run: Run, insertion: Insertion) -> Array:

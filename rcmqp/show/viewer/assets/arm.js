@@ -38,13 +38,14 @@ export function makeArms(viewer, { arm, scene, runs }) {
       links.push(find(path));
     }
     if (k > 0) copyParts(find, arm.parts, k);
-    const flange = find([...path, "flange"]);
+    const flange = find([...path.slice(0, arm.flange_joint + 1), "flange"]);
     const { position, quaternion } = placed(arm.flange);
     flange.position.copy(position);
     flange.quaternion.copy(quaternion);
-    const instrument = makeInstrument(scene.instrument);
-    flange.add(instrument.group);
-    return new Arm(find([`run${k}`]), joints, links, flange, instrument.camera, run.colour);
+    const { group, camera, wrist } = makeInstrument(scene.instrument);
+    flange.add(group);
+    wrist.forEach((part, i) => links[arm.flange_joint + i].add(part));
+    return new Arm(find([`run${k}`]), joints, links, flange, camera, run.colour);
   });
 }
 
@@ -93,29 +94,44 @@ function isMesh(object) {
   return object instanceof THREE.Mesh;
 }
 
-/** The instrument and the camera at its tip. @param {Surroundings["instrument"]} instrument */
-function makeInstrument({ length, radius, mount_offset: offset, field_of_view: angle }) {
+/**
+ * The shaft, the parts of the wrist, and the camera at the tip.
+ *
+ * @param {Surroundings["instrument"]} instrument
+ */
+function makeInstrument(instrument) {
+  const { length, radius, mount_offset: offset, mount, field_of_view: field, angle, roll } = instrument;
   const group = new THREE.Group();
+  const { position, quaternion } = placed(mount);
+  group.position.copy(position);
+  group.quaternion.copy(quaternion);
   /** @param {number} r @param {number} from @param {number} to @param {number} colour */
-  const tube = (r, from, to, colour) => {
+  const tube = (r, from, to, colour, part = group) => {
     const shape = new THREE.CylinderGeometry(r, r, to - from, 32);
     const mesh = new THREE.Mesh(shape, standard(colour, { shininess: 80, specular: 0x444444 }));
     mesh.rotation.x = Math.PI / 2;
     mesh.position.z = (from + to) / 2;
     mesh.castShadow = true;
-    group.add(mesh);
+    part.add(mesh);
   };
+  const wrist = instrument.wrist.map((to) => {
+    const part = new THREE.Group();
+    if (to > 0) tube(0.8 * radius, 0, to, 0x202326, part);
+    return part;
+  });
   const tip = offset + length;
   const head = Math.min(0.05, 0.2 * length);
   if (offset > 0) tube(2.4 * radius, 0, offset, 0x3a3f45);
   tube(3.2 * radius, offset, offset + head, 0x3a3f45);
   tube(radius, offset + head, tip - 0.006, 0xa9b0b7);
   tube(1.02 * radius, tip - 0.006, tip, 0x202326);
-  const camera = new THREE.PerspectiveCamera(THREE.MathUtils.radToDeg(angle), 1, 0.0005, 5);
-  camera.rotation.x = Math.PI; // the image's y points down and z in; three.js looks along -z, y up
-  camera.position.z = tip;
-  group.add(camera);
-  return { group, camera };
+  const camera = new THREE.PerspectiveCamera(THREE.MathUtils.radToDeg(field), 1, 0.0005, 5);
+  camera.rotation.x = Math.PI - angle; // the image's y points down and z in; three.js looks along -z, y up
+  camera.rotateZ(-roll);
+  const [last, at] = wrist.length ? [wrist[wrist.length - 1], instrument.wrist[wrist.length - 1]] : [group, tip];
+  camera.position.z = at;
+  last.add(camera);
+  return { group, camera, wrist };
 }
 
 /** An arm that can be posed, and shown in three ways. */

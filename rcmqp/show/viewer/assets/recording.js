@@ -13,13 +13,26 @@ import { RecordedSource } from "./sources.js";
  */
 
 /**
+ * Sizes [m], the mount on the flange, column after column, and the camera [rad].
+ * @typedef {object} Instrument
+ * @property {number} length
+ * @property {number} radius
+ * @property {number} mount_offset
+ * @property {number[]} mount
+ * @property {number} field_of_view
+ * @property {number} angle
+ * @property {number} roll
+ * @property {number[]} wrist from each of its joints to the next, and from the last to the tool
+ */
+
+/**
  * What stands around the arm: surroundings() in scene.py.
  * @typedef {object} Surroundings
  * @property {number[]} pivot the trocar at first, in the world [m]
  * @property {number[]} axis of the trocar, into the patient
  * @property {number} cone_half_angle [rad]
  * @property {[number, number]} depth_range [m]
- * @property {{length: number, radius: number, mount_offset: number, field_of_view: number}} instrument [m], [rad]
+ * @property {Instrument} instrument
  * @property {Sphere[]} obstacles
  * @property {number[][]} targets tips that are asked for [m]
  * @property {(Sphere & {colour: number[]})[]} spheres that a camera task asks to be shown
@@ -31,7 +44,8 @@ import { RecordedSource } from "./sources.js";
  * The arm: kinematics() and commands() in scene.py.
  * @typedef {object} ArmShape
  * @property {{name: string, placement: number[], linear: number[], angular: number[]}[]} joints
- * @property {number[]} flange its placement on the last joint, column after column
+ * @property {number[]} flange its placement on its joint, column after column
+ * @property {number} flange_joint counted from 1; joints beyond are those of the wrist
  * @property {Uint8Array[]} commands Meshcat's, which build the arm
  * @property {{path: string[], colour: number[]}[]} parts
  */

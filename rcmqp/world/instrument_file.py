@@ -1,0 +1,92 @@
+"""An instrument's file: what it may say, and reading it."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.resources
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from rcmqp.errors import OptionError, UnknownName
+from rcmqp.files import why
+from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist, WristJoint
+
+PARTS: dict[str, type] = {"camera": Camera, "mount": Mount, "wrist": Wrist}
+"""Tables of the file, and what each is made into."""
+
+INSTRUMENTS = ("large_needle_driver",)
+"""Names of the instruments that rcmqp has."""
+
+SOURCES = "sources"
+"""A table that only says where the numbers come from."""
+
+MOST_FILE = 100_000
+"""Bytes."""
+
+
+def load_instrument(path: str | os.PathLike[str]) -> Instrument:
+    """Read an instrument's file, which is TOML, or one of INSTRUMENTS by its name.
+
+    For example,
+
+        length = 0.31
+        radius = 0.005
+
+        [mount]
+        xyz = [0.0, 0.05, 0.03]
+        rpy = [0.0, 0.7854, 0.0]
+
+        [camera]
+        angle = 0.5236
+
+    Its keys are the attributes of Instrument, its tables [mount], [camera] and [wrist] those of
+    Mount, Camera and Wrist, and each [[wrist.joints]] those of a WristJoint: lengths in m, angles
+    in rad. What is left out is as Instrument has it. [sources] may
+    say where the numbers come from.
+
+    Raises:
+        OptionError: the file is missing, is not TOML, or a value is not allowed.
+        UnknownName: a key is not known.
+    """
+    own = importlib.resources.files("rcmqp.world") / "instruments" / f"{path}.toml"
+    path = Path(str(own) if path in INSTRUMENTS else path)
+    try:
+        if not path.is_file():
+            raise OptionError(
+                f"{path}: no such file; give the path of an instrument's .toml, or one of "
+                f"{', '.join(INSTRUMENTS)}"
+            )
+        if (size := path.stat().st_size) > MOST_FILE:
+            raise OptionError(f"{path} has {size} bytes, an instrument's file {MOST_FILE} at most")
+        entry = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise OptionError(f"cannot read the instrument {path}: {why(error)}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise OptionError(f"{path} is not TOML: {error}") from error
+    entry.pop(SOURCES, None)
+    _check_keys(path, "", Instrument, entry)
+    for table, kind in PARTS.items():
+        if table in entry:
+            if not isinstance(entry[table], dict):
+                raise OptionError(
+                    f"{path}: {table} = {entry[table]!r:.50}, it must be a table: [{table}]"
+                )
+            _check_keys(path, f" [{table}]", kind, entry[table])
+    joints = entry.get("wrist", {}).get("joints", [])
+    for joint in joints if isinstance(joints, list) else []:
+        if isinstance(joint, dict):
+            _check_keys(path, " [[wrist.joints]]", WristJoint, joint)
+    try:
+        return Instrument(**entry)
+    except (OptionError, TypeError) as error:  # TypeError: a joint lacks what it must have
+        raise OptionError(f"{path}: {error}") from error
+
+
+def _check_keys(path: Path, table: str, kind: type, entry: dict[str, Any]) -> None:
+    """Check that every key is an attribute."""
+    known = [field.name for field in dataclasses.fields(kind)]
+    for key in entry:
+        if key not in known:
+            raise UnknownName(f"key in {path}{table}", key, known)
