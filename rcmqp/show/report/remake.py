@@ -73,7 +73,7 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
             "",
             *_code([command]),
             "To make the files run by run, in this folder, use the commands below. With the same "
-            "versions a run comes out with the same digest, which `rcmqp show FILE --json` prints:",
+            "versions a run comes out with the same digest; `rcmqp show FILE --json` prints it:",
             "",
             *_code(runs),
             "The runs here were made with:",
