@@ -16,15 +16,17 @@ from rcmqp import (
     Scenario,
     ViewCommand,
     load_arm,
+    load_scenario,
     make_controller,
     view_pose,
 )
 from rcmqp.cli import main
-from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.errors import ArmError, ArmWarning, InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.realtime.checks import as_reading
 from rcmqp.references.paths import Circle, HandTrace
 from rcmqp.world.motions import Sampled
+from rcmqp.world.port import Port
 
 STILL = ((0.0, 0.0, 0.0),) * 3
 
@@ -127,3 +129,40 @@ def test_loopback_says_what_arms_it_takes(
     said = " ".join(capsys.readouterr().err.split())
     assert "or an arm's file, my_robot.toml" in said
     assert "--flange" not in said
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("home = [0, 30, 0, 70, 0, 80, 0]", r"home has 80 rad; are these degrees\?"),
+        ("[base]\nrpy = [180, 0, 0]", r"base.rpy has 180 rad, .* are these degrees\?"),
+        ("[base]\nxyz = [0, 0, 800]", r"base.xyz has 800 m; are these millimetres\?"),
+    ],
+)
+def test_other_units_in_an_arms_file_are_questioned(tmp_path: Path, lines: str, said: str) -> None:
+    (tmp_path / "r.urdf").write_text(urdf())
+    file = tmp_path / "r.toml"
+    file.write_text(f'urdf = "r.urdf"\n{lines}\n[flange]\nframe = "l7"\n')
+    with pytest.raises(ArmError, match=said):
+        load_arm(file)
+
+
+def test_an_arm_like_another_with_a_joint_locked_has_no_home_of_it(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('like = "kinova"\n[locked]\nj2s6s200_joint_2 = 2.5\n')
+    assert load_arm(file).home.shape == (5,)
+    file.write_text('like = "lwa3"\n[locked]\narm_3_joint = 0.0\n')
+    with pytest.raises(ArmError, match=r"acceleration as a list, .* give it by name"):
+        load_arm(file)
+
+
+def test_a_period_in_milliseconds_is_questioned(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["run", "circle", "--period", "8"])
+    assert "are these milliseconds? Then write 0.008" in capsys.readouterr().err
+
+
+def test_an_incision_from_below_is_questioned() -> None:
+    port = Port((0.45, 0.1, 0.4), axis=(0.0, 0.0, 1.0), depth=0.1)
+    with pytest.warns(ArmWarning, match="points upwards: it is the direction into the patient"):
+        load_scenario("circle", "panda", port=port)

@@ -25,6 +25,7 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
+from rcmqp.controllers import own_file
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.runs.loading import scenario_module
@@ -50,8 +51,9 @@ def compare(
         typer.Option(
             "--controller",
             "-c",
-            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated. Without it, all as "
-            "they come, and with feed-forward, speed limits and both, if those are options.",
+            help="NAME or FILE.py[:CLASS], and :OPTION=VALUE,OPTION=VALUE; may be repeated. "
+            "Without it, all as they come, and with feed-forward, speed limits and both, if those "
+            "are options.",
         ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
@@ -99,7 +101,8 @@ def compare(
     from rcmqp.experiments import compare as comparison  # joblib takes long to import
 
     given = settings or []
-    laws = with_options(controller or every_setting(fixed=given), given)
+    chosen = [own_file.known(setting) for setting in controller or every_setting(fixed=given)]
+    laws = with_options(chosen, given)
     changes = (
         scenario_changes(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from

@@ -82,6 +82,9 @@ Tolerance = Annotated[
         "this far off the shaft.",
     ),
 ]
+SLOW = 0.5
+"""A period that is taken to be in milliseconds [s]."""
+
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
 Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
@@ -95,6 +98,11 @@ def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
         changes: fields of Scenario.
     """
     given = {name: value for name, value in changes.items() if value is not None}
+    if given.get("period", 0.0) >= SLOW:
+        raise OptionError(
+            f"--period {given['period']:g}: it is in s; are these milliseconds? Then write "
+            f"{1e-3 * given['period']:g}"
+        )
     return given if governor is None else given | {"governor": Governor() if governor else None}
 
 

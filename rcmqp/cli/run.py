@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -25,12 +26,13 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import make_controller, own_file
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
 from rcmqp.runs.head import check_replaceable
 from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.recorded import Recorded, along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate
@@ -52,7 +54,10 @@ def run(
         ),
     ] = None,
     controller: Annotated[
-        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+        str,
+        typer.Option(
+            "--controller", "-c", help="Name (see rcmqp controllers), or FILE.py[:CLASS]."
+        ),
     ] = "dual_quaternion",
     file: Annotated[
         Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
@@ -60,6 +65,16 @@ def run(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    path: Annotated[
+        Path | None,
+        typer.Option(
+            "--path", help="CSV of the tip's way: t [s], x [mm], y [mm], z [mm], from the start."
+        ),
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        typer.Option("--motion", help="CSV of the trocar's: t [s], world x [mm], and so on."),
+    ] = None,
     trocar: Trocar = None,
     axis: Axis = None,
     depth: Depth = None,
@@ -103,11 +118,15 @@ def run(
 
       rcmqp run circle --arm panda --trocar 0.45,0.1,0.2 --depth 0.12
 
+      rcmqp run circle --path tip.csv --motion breathing.csv
+
       rcmqp run fast_helix --controller hierarchical_qp --governor
     """
     if arm == "":
         raise UnknownName("arm", arm, arm_names())
-    options = options_of(controller, settings or [])
+    controller, _, options_there = own_file.known(controller).partition(":")
+    given_there = options_there.split(",") if options_there else []
+    options = options_of(controller, [*given_there, *(settings or [])])
     if gain is not None:
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
@@ -120,6 +139,12 @@ def run(
         | port_of(trocar, axis, depth, cone, tolerance)
     )
     chosen = load_scenario(scenario, arm, flange=flange, **given)
+    if path is not None:
+        chosen = along(chosen, Recorded.read(path))
+        if duration is not None:
+            chosen = dataclasses.replace(chosen, duration=duration)
+    if motion is not None:
+        chosen = moved(chosen, Recorded.read(motion))
     insertion = chosen.insertion()
     if trocar is not None and tolerance is None and not as_json:
         console.err.print(f"start: {ease_at(insertion)}", highlight=False, soft_wrap=True)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import Any
 
+from rcmqp.errors import ArmWarning
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.instrument import vector3
 from rcmqp.world.motions import Breathing, Sinusoid
 from rcmqp.world.port import Port
+
+UPWARDS = 0.17
+"""Vertical part of an axis from which on it points upwards: 10 degrees above the horizon."""
 
 
 def at_port(scenario: Scenario, port: Port) -> Scenario:
@@ -23,6 +28,13 @@ def at_port(scenario: Scenario, port: Port) -> Scenario:
     """
     before = scenario.insertion()
     after = port.insertion(before)
+    if after.trocar.axis[2] > UPWARDS:
+        warnings.warn(
+            f"the trocar's axis {tuple(round(x, 3) for x in after.trocar.axis)} points upwards: "
+            "it is the direction into the patient; for a shaft that looks down, turn it round",
+            ArmWarning,
+            stacklevel=1,
+        )
     if port.keeps_pivot:
         return dataclasses.replace(scenario, trocar=after.trocar)
     turn = dq.mul(after.x_rcm, dq.conj(before.x_rcm))

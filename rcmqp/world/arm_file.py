@@ -45,6 +45,9 @@ KEYS = {
 
 TABLES = ("flange", "base", "rail", "locked", "sources")
 
+TURN, FAR = 2.0 * math.pi + 1e-6, 50.0
+"""Angle [rad] and distance [m] above which a mount is taken to be in other units."""
+
 _EXAMPLE_ROBOT_DATA = "example-robot-data"
 
 
@@ -68,6 +71,15 @@ class ArmFile:
         """Of [flange] in its frame, or of [base] in the world: xyz [m] and rpy [rad]."""
         given = self.entry.get(table, {})
         xyz, rpy = (self._vector(table, key, given.get(key, [0.0] * 3)) for key in ("xyz", "rpy"))
+        if (turn := float(np.abs(rpy).max())) > TURN:
+            raise ArmError(
+                f"{self.path}: {table}.rpy has {turn:g} rad, more than a turn; are these degrees? "
+                "Multiply by 0.0174533"
+            )
+        if (far := float(np.abs(xyz).max())) > FAR:
+            raise ArmError(
+                f"{self.path}: {table}.xyz has {far:g} m; are these millimetres? Multiply by 0.001"
+            )
         return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
     def rail(self) -> dict[str, str] | None:
@@ -119,7 +131,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
         if "urdf" in entry:
             raise ArmError(f"{path}: has both urdf and like; give one of them")
         folder = robots / entry["like"]
-        entry = _merged(_toml(folder / "robot.toml"), entry)
+        entry = _merged(_fitting(_toml(folder / "robot.toml"), entry, path), entry)
     if not isinstance(entry.get("urdf"), str):
         raise ArmError(
             f'{path}: has no urdf; add urdf = "my_robot.urdf", its path from this file, or '
@@ -137,6 +149,23 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
     if missing := [each for each in found if not each.is_dir()]:
         raise ArmError(f"{path}: there is no folder {missing[0]}, which packages names")
     return ArmFile(path, entry, _resolve(folder, entry["urdf"], path), found)
+
+
+def _fitting(like: dict[str, Any], entry: dict[str, Any], path: Path) -> dict[str, Any]:
+    """What a registered arm's file says that also holds with the joints of another file of it.
+
+    Raises:
+        ArmError: a limit has a number for each joint, and the joints are others.
+    """
+    if not {"locked", "rail"} & entry.keys():
+        return like
+    for limit in LIMITS:
+        if isinstance(like.get(limit), list) and limit not in entry:
+            raise ArmError(
+                f"{path}: {entry['like']} has {limit} as a list, a number for each of its joints; "
+                f"with joints locked or a rail, give it by name: {limit} = {{ joint = 1.0 }}"
+            )
+    return {key: like[key] for key in like if key not in ("home", "srs_offsets")}
 
 
 def _toml(path: Path) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from rcmqp.world.arm_limits import (
 from rcmqp.world.home import home_of
 from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
-from rcmqp.world.questions import questions
+from rcmqp.world.questions import TURNS, questions
 from rcmqp.world.urdf import (
     Urdf,
     limits_of,
@@ -300,6 +300,7 @@ def built(
     arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
     _check_limits(arm)
     if home is not None:
+        _check_degrees(arm)
         arm.check_limits(arm.home)
     return arm
 
@@ -384,6 +385,16 @@ def _check(model: pin.Model, flange: str, name: str) -> None:
                 f"({joint.shortname()}); only a fixed-base arm of revolute, continuous and "
                 "prismatic joints can be used: fix the base to the world"
             )
+
+
+def _check_degrees(arm: Arm) -> None:
+    """Refuse a home that no joint has in radians, and that would be one in degrees."""
+    turning = arm.home[np.array(arm.turns)]
+    if turning.size and TURNS < float(np.abs(turning).max()) <= 360.0:
+        raise ArmError(
+            f"{arm.name}: home has {float(np.abs(turning).max()):g} rad; are these degrees? "
+            "Multiply by 0.0174533"
+        )
 
 
 def _check_limits(arm: Arm) -> None:

@@ -60,7 +60,8 @@ point, and from the shaft's surface.
 ± is the standard deviation between operators, [ ] where the mean of the model lies: the 95 %
 interval (Student's t) of a mean over the people drawn, given for five or more. It says how exactly
 these draws give the model's mean, and nothing about real people. Times are of those who finished,
-changes of those who have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
+changes of those who have both numbers. The operators are a model. Its errors are not the paper's:
+compare the columns.
 The times spent looking, and with them the completion times, rest on parameters fitted
 to the paper's own mean and deviation before this study, and how the operators keep off the
 obstacle was set after trials in which one in twenty touched it: times and collisions are no
