@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -175,12 +176,35 @@ def show(
     file: Annotated[Path, typer.Argument(help="A run's HDF5 file.")],
     figures: Annotated[
         Path | None,
-        typer.Option(help="Folder to draw trajectory and errors into, as PNG and PDF."),
+        typer.Option(help="Folder to draw trajectory and errors into."),
     ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            metavar="png|pdf|svg|eps",
+            help="Of the figures; may be repeated; PNG and PDF without it.",
+        ),
+    ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Of the figure of errors, such as 88 for a column."),
+    ] = None,
+    dpi: Annotated[float, typer.Option(help="Dots per inch of a PNG.")] = 160.0,
     as_json: AsJson = False,
 ) -> None:
-    """Show what is in a run's file."""
-    written = [] if figures is None else _draw(Run.load(file), figures, file.stem)
+    """Show what is in a run's file.
+
+    For example,
+
+      rcmqp show helix.h5 --figures figures --format pdf --format eps --width 88
+    """
+    written: list[Path] = []
+    if figures is not None:
+        endings = [f".{each.lower().lstrip('.')}" for each in formats or ("png", "pdf")]
+        written = _draw(Run.load(file), figures, file.stem, endings, width, dpi)
+    elif formats or width is not None:
+        raise OptionError("--format and --width are of figures; say where to: --figures FOLDER")
     _show(file, as_json)
     for path in written if not as_json else []:
         console.print_written(path)
@@ -192,13 +216,21 @@ def _show(file: Path, as_json: bool) -> None:
         console.print_run(result, as_json, file)
 
 
-def _draw(result: Run, folder: Path, stem: str) -> list[Path]:
-    """Trajectory and errors of a run, as PNG and PDF."""
+def _draw(
+    result: Run, folder: Path, stem: str, endings: Sequence[str], width: float | None, dpi: float
+) -> list[Path]:
+    """Trajectory and errors of a run; ``width`` of the errors' figure in mm."""
     from rcmqp.show import plots  # matplotlib takes long to import
 
     make_folder(folder)
-    check_writable(folder / f"{stem}_errors.pdf")
+    check_writable(folder / f"{stem}_errors{endings[0]}")
+    inches = plots.WIDTH if width is None else width / 25.4
+    figures = {
+        "trajectory": plots.trajectory_figure([result]),
+        "errors": plots.error_figure([result], width=inches),
+    }
     return [
-        *plots.save_figure(plots.trajectory_figure([result]), folder / f"{stem}_trajectory"),
-        *plots.save_figure(plots.error_figure([result]), folder / f"{stem}_errors"),
+        path
+        for name, figure in figures.items()
+        for path in plots.save_figure(figure, folder / f"{stem}_{name}", endings=endings, dpi=dpi)
     ]
