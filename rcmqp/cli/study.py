@@ -22,6 +22,7 @@ from rcmqp.cli.options import (
     Trocar,
     limits_of,
     port_of,
+    scenario_changes,
 )
 from rcmqp.controllers import own_file
 from rcmqp.controllers.settings import controller_of
@@ -107,7 +108,7 @@ def study(
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder)
         return
-    given = {} if period is None else {"period": period}
+    given = scenario_changes(None, period=period)
     laws = [
         Law(name, options=tuple(options.items()), **given)
         for name, options in _settings(controller or ["dual_quaternion"], gain or [])
