@@ -7,7 +7,6 @@ import math
 import warnings
 from dataclasses import dataclass
 
-
 from rcmqp.errors import ArmWarning, OptionError
 from rcmqp.world.collisions import Collisions
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
