@@ -282,7 +282,9 @@ def test_the_simulated_arm_prints_no_traceback_when_the_program_that_started_it_
     command = [sys.executable, "-m", "rcmqp.realtime.simulated_arm", "panda", str(T)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as arm:
-        assert arm.stdin and arm.stdout and arm.stderr
+        assert arm.stdin is not None
+        assert arm.stdout is not None
+        assert arm.stderr is not None
         arm.stdin.write(f"{KEY.hex()}\n")
         arm.stdin.flush()
         assert "port" in arm.stdout.readline()
