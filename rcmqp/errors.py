@@ -101,7 +101,8 @@ class TrocarOffShaft(InsertionError):
         super().__init__(
             f"the trocar is {1e3 * distance:.3f} mm off the shaft's axis at the start, allowed "
             f"{1e3 * tolerance:.3f} mm; move the trocar, allow the distance by the tolerance, or "
-            "let find_start() choose the configuration"
+            "let find_start() choose the configuration (on the command line: --trocar without "
+            "--tolerance)"
         )
 
 

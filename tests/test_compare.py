@@ -263,11 +263,13 @@ SETTINGS = {
     "task_priority:gain=30,rcm_gain=20": ("no", "none"),
 }
 
+GIVEN = ["controller", "feed-forward", "roll held", "joint limits enforced"]
+
 
 def test_each_table_says_what_each_controller_was_given() -> None:
     for table in tables([made(setting) for setting in SETTINGS]):
         heads = table.heads
-        assert heads[:4] == ["controller", "feed-forward", "roll", "joint limits enforced"]
+        assert heads[:4] == GIVEN
         assert [(row[1], row[3]) for row in table.rows] == list(SETTINGS.values())
         assert [row[2] for row in table.rows] == ["yes"] * (len(SETTINGS) - 1) + ["no"]
         gains = [row[heads.index("K [1/s]")] for row in table.rows]
@@ -294,8 +296,7 @@ def test_one_controller_on_several_arms_is_one_table_and_several_have_one_for_ea
     several = tables([*one, *(made("pose_error", arm=arm) for arm in ("ur5", "panda"))])
     assert [table.title.split(", ")[1] for table in several] == ["on ur5"] * 3 + ["on panda"] * 3
     assert [len(table.rows) for table in several] == [2] * 6
-    given = ["controller", "feed-forward", "roll", "joint limits enforced"]  # the same for both
-    assert [list(table.heads[:4]) for table in several] == [given] * 6
+    assert [list(table.heads[:4]) for table in several] == [GIVEN] * 6  # the same for both
 
 
 def test_no_word_is_cut_in_the_terminal(

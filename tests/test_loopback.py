@@ -6,6 +6,8 @@ import gc
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import closing
@@ -274,3 +276,19 @@ def test_the_loopback_accounts_for_every_command_and_ends_at_rest() -> None:
     text = report.as_markdown()
     assert f"| commands sent | {report.sent} |" in text
     assert "| deadlines missed |" in text
+
+
+def test_the_simulated_arm_prints_no_traceback_when_the_program_that_started_it_is_gone() -> None:
+    command = [sys.executable, "-m", "rcmqp.realtime.simulated_arm", "panda", str(T)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as arm:
+        assert arm.stdin is not None
+        assert arm.stdout is not None
+        assert arm.stderr is not None
+        arm.stdin.write(f"{KEY.hex()}\n")
+        arm.stdin.flush()
+        assert "port" in arm.stdout.readline()
+        arm.stdout.close()
+        arm.stdin.close()
+        assert arm.stderr.read() == ""
+        assert arm.wait() == 1

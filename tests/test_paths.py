@@ -24,6 +24,7 @@ from rcmqp.references.paths import (
     Lissajous,
     Path,
     Shows,
+    TipTrace,
     ViewMoves,
     ViewSteps,
     views_of,
@@ -42,6 +43,10 @@ SAMPLES: dict[str, Path] = {  # one of each path that is registered
         HandMapping(scale=1.5),
     ),
     "lissajous": Lissajous(size=(0.03, -0.02, 0.01), duration=4.0, ramp=1.1),
+    "tip_trace": TipTrace(
+        (0.0, 1.0, 1.5, 2.5, 4.0),
+        ((0, 0, 0), (0.02, -0.01, 0.01), (0.01, 0.01, 0.02), (0.0, 0.02, 0.04), (0.02, 0.0, 0.03)),
+    ),
     "view_moves": MOVES,
     "view_steps": STEPS,
 }

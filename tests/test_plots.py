@@ -16,6 +16,7 @@ from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import Run, load_scenario, make_controller, simulate
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.show import plots
@@ -118,3 +119,52 @@ def test_runs_are_told_apart_by_colour_and_dash_in_both_plots_and_the_legend(mov
             assert len(set(looks)) == count
             assert [colour for colour, _ in looks] == 2 * list(COLOURS)
             assert [dash for _, dash in looks[:4]] == ["-", "--", "-.", ":"]
+
+
+@pytest.mark.parametrize("figure", [plots.trajectory_figure, plots.error_figure])
+def test_no_font_is_of_type_3_and_svg_keeps_its_text(
+    moving: Run, tmp_path: Path, figure: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    made = figure([moving])
+    paths = plots.save_figure(made, tmp_path / "figure", endings=plots.ENDINGS, dpi=50)
+    texts = {path.suffix: path.read_bytes() for path in paths}
+    assert list(texts) == list(plots.ENDINGS)
+    assert b"/Subtype /Type3" not in texts[".pdf"]
+    assert b"/FontFile2" in texts[".pdf"]
+    assert b"/FontType 42" in texts[".eps"]
+    assert b"/FontType 3" not in texts[".eps"]
+    assert b"[mm]</text>" in texts[".svg"]
+    assert not caplog.records  # EPS has no transparency, and says so where it is asked for
+    for ending in (".pdf", ".svg"):  # the same bytes each time
+        first, again = (
+            plots.save_figure(figure([moving]), tmp_path / name, endings=[ending])[0]
+            for name in ("first", "again")
+        )
+        assert first.read_bytes() == again.read_bytes()
+
+
+def test_a_column_of_a_journal_holds_all_letters(moving: Run) -> None:
+    figure = plots.error_figure([moving, moving], width=88 / 25.4)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    frame = figure.bbox
+    assert frame.width == pytest.approx(figure.dpi * 88 / 25.4)
+    legend = figure.legends[0].get_window_extent()
+    plot, title = figure.axes[0], figure.axes[0].title.get_window_extent()
+    for box in (legend, title, plot.yaxis.label.get_window_extent()):
+        assert frame.x0 <= box.x0
+        assert box.x1 <= frame.x1 + 0.5
+        assert frame.y0 <= box.y0
+        assert box.y1 <= frame.y1 + 0.5
+    assert plot.get_position().height > 0.15
+    sizes = {text.get_fontsize() for text in [plot.yaxis.label, *plot.get_yticklabels()]}
+    assert sizes == {plots.SMALL}
+
+
+def test_figures_that_no_journal_takes_are_refused(moving: Run, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"width = 0\.0394 in; give 2 to 20"):
+        plots.error_figure([moving], width=1 / 25.4)
+    with pytest.raises(UnknownName, match="ending of a figure"):
+        plots.save_figure(Figure(), tmp_path / "figure", endings=[".bmp"])
+    with pytest.raises(OptionError, match="dpi = 5; give 30 to 2400"):
+        plots.save_figure(Figure(), tmp_path / "figure", dpi=5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from helpers import assert_allclose, shaft_distance
 from rcmqp import Insertion, Instrument, Scenario, load_arm, load_scenario, simulate
 from rcmqp.cli import main
 from rcmqp.controllers import make_controller
-from rcmqp.errors import CalibrationError, OptionError, RcmqpError, TrocarOffShaft
+from rcmqp.errors import ArmWarning, CalibrationError, OptionError, RcmqpError, TrocarOffShaft
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.paths import Circle
 from rcmqp.runs.metrics import compute_metrics
@@ -269,3 +270,33 @@ def test_a_recording_that_is_none_is_refused_in_words(
         calibrate(write_csv(tmp_path / "a.csv", heads, [row]))
     with pytest.raises(RcmqpError, match="cannot be read as CSV"):
         calibrate(tmp_path / "none.csv")
+
+
+# A port that looks wrong -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("axis", "said"), [((0.0, 0.3, -1.0), 0), ((0.0, 0.0, 1.0), 1)])
+def test_an_axis_that_points_upwards_is_questioned(
+    axis: tuple[float, float, float], said: int
+) -> None:
+    before = load_scenario("circle", "panda").insertion()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Port(pivot=(0.45, 0.0, 0.3), axis=axis).insertion(before)
+    assert sum("deg upwards" in str(each.message) for each in caught) == said
+
+
+def test_a_start_that_touches_itself_is_said_where_the_arm_stays() -> None:
+    arm = load_arm("panda")
+    angles = [0.0, 0.0, 0.0, -3.0, 0.0, 0.1, 0.0]
+    before = Insertion.on_shaft(arm, Instrument(), angles)
+    port = Port(pivot=before.trocar.pivot, axis=before.trocar.axis, tolerance=0.001)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ArmWarning)
+        port.insertion(before)
+    assert any("touching; choose another start" in str(each.message) for each in caught)
+
+
+def test_a_period_in_milliseconds_is_questioned(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_cli(*RUN, "--period", "8") == 1
+    assert "8 ms are --period 0.008" in capsys.readouterr().err

@@ -282,6 +282,9 @@ def test_a_run_along_a_path_that_is_not_known_here_can_be_looked_at_and_not_run_
     assert compute_metrics(found).rcm_max_mm < 1e-3
     (group,) = groups_of([found], ["run.h5"])
     assert "its path 'nod' is not one of rcmqp's" in remake_text([group], "")
+    in_real_time = dataclasses.replace(found.scenario, path=Foreign("realtime", {}))
+    (group,) = groups_of([dataclasses.replace(found, scenario=in_real_time)], ["run.h5"])
+    assert "run.h5: recorded in real time" in remake_text([group], "")
     with pytest.raises(OptionError, match="does not know the path 'nod'"):
         simulate(found.scenario, made)
     (tmp_path / "scenario.json").write_text(found.scenario.to_json())

@@ -35,6 +35,7 @@ from rcmqp.references.paths import (
     ConicalHelix,
     HandTrace,
     Lissajous,
+    TipTrace,
     ViewMoves,
     ViewSteps,
 )
@@ -95,6 +96,7 @@ KINDS: list[ViewPath | Steered | Motion | Plant] = [  # one of each, no number a
     Circle(radius=0.02),
     ConicalHelix(turns=2.0),
     HandTrace((0.0, 1.0), ((0.0, 0.0, 0.0), (0.01, 0.0, 0.0)), (True, False), HandMapping(0.5)),
+    TipTrace((0.0, 1.0), ((0.0, 0.0, 0.0), (0.01, 0.0, 0.0))),
     CameraTrial(Operator("novice"), CameraTask(side=0.04), Omega7(0.06), HandMapping(2.0), 9.0),
     Lissajous(size=(0.01, 0.02, 0.0)),
     ViewMoves(VIEWS, dwell=0.0),

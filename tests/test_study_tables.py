@@ -32,6 +32,7 @@ def test_intervals_are_students() -> None:
     assert (found.count, found.mean, found.least, found.largest) == (5, 3.0, 1.0, 5.0)
     assert_allclose([found.deviation, found.low, found.high], [2.5**0.5, 3 - half, 3 + half], 1e-6)
     assert math.isnan(summary([1.0]).low)
+    assert math.isnan(summary([1.0, 2.0, 3.0, 4.0]).low)
     assert summary([]).count == 0
 
 
@@ -57,7 +58,7 @@ def test_effects_are_paired_and_their_errors_are_those_of_new_draws() -> None:
 
 def test_effects_of_few_people_and_of_nan_are_left_out() -> None:
     lost = effect([1.0, 2.0, 4.0, math.nan, 7.0], [2.0, 2.0, 6.0, 8.0, math.nan])
-    assert lost == effect([1.0, 2.0, 4.0], [2.0, 2.0, 6.0])
+    assert str(lost) == str(effect([1.0, 2.0, 4.0], [2.0, 2.0, 6.0]))
     assert lost.change.mean == 1.0
     assert lost.size == pytest.approx(1.0 / math.sqrt((7.0 / 3.0 + 16.0 / 3.0) / 2.0))
     two, one = effect([1.0, 2.0], [2.0, 4.0]), effect([1.0], [2.0])
@@ -117,9 +118,10 @@ def test_the_table_holds_the_outcomes_beside_the_papers(tmp_path: Path) -> None:
     rows = rows_of(table(Performed(Study(), tmp_path, mine)))
     time = rows["completion time [s]"]
     assert time[0] == "68.03 ± 30.58; 84 and 52"
-    assert time[1].startswith("61.5 ± 1.3 [59.4, 63.6]")
-    assert time[2].startswith("61.0 ± 1.4 ")
-    assert time[3].startswith("62.0 ± 1.4 ")
+    assert time[1].startswith("61.5 ± 1.3")
+    assert all("[" not in cell for cell in time)  # of so few people
+    assert time[2].startswith("61.0 ± 1.4")
+    assert time[3].startswith("62.0 ± 1.4")
     assert rows["tip error, largest [mm]"] == ["4.82 (†)", "4.000", "3.000", "4.000"]
     collisions = rows["collisions: the shaft touched the obstacle"]
     assert collisions == ["0", "1 of 4", "0 of 2", "1 of 2"]
@@ -140,9 +142,25 @@ def cells_of(text: str, start: str) -> list[list[str]]:
 def test_what_rests_on_fewer_people_says_on_how_many(tmp_path: Path) -> None:
     half = [dataclasses.replace(o, completion_s=math.nan) for o in outcomes("a", 0.0)[:2]]
     rows = rows_of(table(Performed(Study(), tmp_path, [*half, *outcomes("a", 0.0)[2:]])))
-    assert rows["completion time [s]"][1].endswith("] (2 of 4)")
+    assert rows["completion time [s]"][1].endswith(" (2 of 4)")
     assert rows["completion time [s]"][2] == "62.0 (1 of 2)"
     assert " of " not in rows["RCM error, rms [mm]"][1]
+
+
+def test_an_interval_ends_where_its_measure_can_be_no_less_or_no_more(tmp_path: Path) -> None:
+    """Five people of whom one differs much: Student's interval alone would reach beyond."""
+    (first, *_) = outcomes("a", 0.0)
+    shares, distances = (1.0, 1.0, 1.0, 1.0, 0.2), (-3.0, 1.0, 1.0, 1.0, 1.0)
+    mine = [
+        dataclasses.replace(
+            first, operator=i, looking_s=100.0 * (i == 0), slow_share=share, obstacle_shaft_mm=far
+        )
+        for i, (share, far) in enumerate(zip(shares, distances, strict=True))
+    ]
+    rows = rows_of(table(Performed(Study(), tmp_path, mine)))
+    assert rows["of which looking [s]"][1] == "20.0 ± 44.7 [0.0, 75.5]"
+    assert rows["share of time at less than 10 mm/s"][1] == "0.84 ± 0.36 [0.40, 1.00]"
+    assert rows["least distance, shaft to obstacle [mm]"][1] == "0.20 ± 1.79 [-2.02, 2.42]"
 
 
 def test_one_person_has_differences_and_neither_intervals_nor_tests(tmp_path: Path) -> None:

@@ -222,3 +222,48 @@ def test_ctrl_c_ends_with_one_word_and_leaves_nothing(file: Path, tmp_path: Path
         assert not list(Path(short).iterdir())
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
     assert [each.name for each in tmp_path.iterdir()] == ["bin"]
+
+
+def test_a_snapshot_is_seen_from_where_it_is_asked_and_may_have_no_ground(
+    file: Path, tmp_path: Path
+) -> None:
+    run = Run.load(file)
+    with opened([run], (640, 480), "scene") as page:
+
+        def seen(direction: list[float], zoom: float) -> Array:
+            page.evaluate("([from, zoom]) => rcmqp.look(from, zoom)", [direction, zoom])
+            ends = [(run.pivot[0] + offset).tolist() for offset in 0.1 * np.eye(3)]
+            at = [page.evaluate("p => rcmqp.pixel(p)", p) for p in [run.pivot[0].tolist(), *ends]]
+            return np.asarray(np.subtract(at[1:], at[0]))
+
+        front, larger, side = seen([0, -1, 0], 1.0), seen([0, -1, 0], 2.0), seen([1, 0, 0], 1.0)
+    assert front[0, 0] > 10.0  # from -y, x is to the right, z up, and y away from the eye
+    assert front[2, 1] < -10.0
+    assert side[1, 0] > 10.0  # from x, y is to the right
+    assert abs(side[0, 0]) < 0.3 * side[1, 0]
+    np.testing.assert_allclose(larger, 2.0 * front, rtol=0.01, atol=0.5)
+    pictures = {}
+    for name, words in (("solid", []), ("clear", ["--transparent", "--from", "1,-1,0.4"])):
+        path = tmp_path / f"{name}.png"
+        main(["snapshot", str(file), "--out", str(path), "--size", "320x240", *words])
+        pictures[name] = matplotlib.image.imread(path)
+    assert pictures["solid"].shape == (240, 320, 3)
+    alpha = pictures["clear"][..., 3]
+    assert alpha[0, 0] == alpha[-1, 0] == 0.0
+    assert 0.02 < (alpha > 0.9).mean() < 0.9  # the arm is there
+    colours = pictures["clear"][:60][alpha[:60] > 0.9][:, :3]
+    assert (np.ptp(colours, axis=1) > 0.4).sum() > 10  # and the legend's colours
+
+
+def test_views_that_cannot_be_are_refused_before_the_browser_starts(
+    file: Path, tmp_path: Path
+) -> None:
+    runs, path = [Run.load(file)], tmp_path / "x.png"
+    with pytest.raises(OptionError, match="is vertical, and the picture would have no up"):
+        snapshot(runs, path, direction=(0.0, 0.0, -2.0))
+    with pytest.raises(OptionError, match="direction = "):
+        snapshot(runs, path, direction=(0.0, 0.0, 0.0))
+    with pytest.raises(OptionError, match="zoom = 0"):
+        snapshot(runs, path, zoom=0.0)
+    with pytest.raises(OptionError, match="are of the camera scene, not endoscope"):
+        snapshot(runs, path, camera="endoscope", transparent=True)

@@ -141,5 +141,5 @@ def test_the_margin_to_limits_has_the_unit_of_the_joints(tmp_path: Path) -> None
         assert f"margin to limits [{unit}]" in more.heads
         labels = [row[0] for row in metrics_table(runs, ["a"]).rows]
         assert f"margin to joint limits, least [{unit}]" in labels
-    gone = dataclasses.replace(sliding.head.scenario, arm="/nowhere/rail.urdf")
+    gone = dataclasses.replace(sliding.head.scenario, arm="/nowhere/rail.urdf", carried_arm=None)
     assert set(joint_units(dataclasses.replace(sliding.head, scenario=gone))) == {"rad"}

@@ -22,6 +22,7 @@ from rcmqp.cli import (
     lists,
     live,
     loopback,
+    new,
     report,
     reproduce,
     run,
@@ -72,14 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             app(given)
     except RcmqpError as error:
         _say_and_end(error, str(error))
+    except KeyboardInterrupt:  # before the command began
+        _say_interrupted(given)
+        raise SystemExit(INTERRUPTED[0]) from None
     except SystemExit as end:
         if end.code in INTERRUPTED:
-            more = (
-                "; the same command goes on from here"
-                if tuple(given[:1]) in (("study",), ("compare",))
-                else ""
-            )
-            err.print(f"interrupted{more}", highlight=False)
+            _say_interrupted(given)
         raise
     except Exception as error:  # noqa: BLE001  (the last resort: no user sees a traceback)
         name = type(error).__name__
@@ -88,6 +87,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"rcmqp failed where it did not expect to: {name}: {error}; please report the command "
             f"and this line {_where_to_report()}; with {DEBUG}=1 set, it shows the traceback",
         )
+
+
+def _say_interrupted(given: Sequence[str]) -> None:
+    goes_on = tuple(given[:1]) in (("study",), ("compare",))
+    more = "; the same command goes on from here" if goes_on else ""
+    err.print(f"interrupted{more}", highlight=False)
 
 
 def _say_and_end(error: Exception, said: str) -> NoReturn:
@@ -143,6 +148,7 @@ for command in (
     reproduce.reproduce,
     loopback.loopback,
     live.live,
+    new.new,
     viewer.view,
     viewer.snapshot,
     viewer.video,

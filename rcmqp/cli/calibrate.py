@@ -115,8 +115,13 @@ def _rows(file: Path) -> list[dict[str, str]]:
         with file.open(encoding="utf-8-sig", newline="") as text:
             reader = csv.DictReader(text, skipinitialspace=True)
             return [{key: value for key, value in row.items() if key} for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise OptionError(f"{file} cannot be read as CSV: {error}") from error
+    except OSError as error:
+        raise OptionError(f"{file} cannot be read as CSV: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise OptionError(
+            f"{file} is not a CSV file of recorded poses; give one with a column for each joint, "
+            "or with x, y, z, qw, qx, qy, qz of the flange"
+        ) from error
 
 
 def _of_poses(file: Path, rows: list[dict[str, str]]) -> list[pin.SE3]:

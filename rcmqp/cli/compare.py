@@ -27,11 +27,12 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
+from rcmqp.controllers import own_file
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import ArmError, OptionError, UnknownName
 from rcmqp.runs.loading import scenario_module
 from rcmqp.show.tables import tables
-from rcmqp.world.loading import arm_names, names_its_flange
+from rcmqp.world.loading import ARM_FILE, URDF_ENDINGS, arm_names, names_its_flange
 
 
 def compare(
@@ -52,8 +53,9 @@ def compare(
         typer.Option(
             "--controller",
             "-c",
-            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated. Without it, all as "
-            "they come, and with feed-forward, speed limits and both, if those are options.",
+            help="NAME or FILE.py[:CLASS], and :OPTION=VALUE,OPTION=VALUE; may be repeated. "
+            "Without it, all as they come, and with feed-forward, speed limits and both, if those "
+            "are options.",
         ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
@@ -102,7 +104,8 @@ def compare(
     from rcmqp.experiments import compare as comparison  # joblib takes long to import
 
     given = settings or []
-    laws = with_options(controller or every_setting(fixed=given), given)
+    chosen = [own_file.known(setting) for setting in controller or every_setting(fixed=given)]
+    laws = with_options(chosen, given)
     changes = (
         scenario_changes(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
@@ -113,8 +116,10 @@ def compare(
     )
     files = [comparison.arm_and_flange(each) for each in arm or () if each not in arm_names()]
     for name, _ in files:
-        if name is None or not Path(name).is_file():
+        if name is None or not name.lower().endswith((ARM_FILE, *URDF_ENDINGS)):
             raise UnknownName("arm", str(name), arm_names())
+        if not Path(name).is_file():
+            raise ArmError(f"{name}: no such file; give the path of a URDF or of an arm's .toml")
     urdfs = [own for name, own in files if not names_its_flange(str(name))]
     if flange is not None and all(urdfs):
         raise OptionError("--flange is for a URDF without its own, and none of the arms is one")

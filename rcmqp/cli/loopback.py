@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rcmqp.cli.console import out
+from rcmqp.cli.console import out, print_note
 from rcmqp.controllers import Controller
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError
@@ -68,5 +68,11 @@ def loopback(
     )
     out.print(report.as_markdown(), markup=False, highlight=False, soft_wrap=True)
     stop = report.loop.stop
+    if stop.fault and report.loop.skipped and not priority:
+        print_note(
+            f"this machine was too busy for {report.loop.skipped} of the cycles, which may be why "
+            "the loop stopped; close other programs, or use --priority, as root or with rtprio "
+            "raised in /etc/security/limits.conf"
+        )
     if stop.signal or stop.fault:
         raise typer.Exit(128 + stop.signal if stop.signal else 1)

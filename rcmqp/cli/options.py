@@ -103,8 +103,15 @@ def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
     Args:
         governor: whether there is to be one.
         changes: fields of Scenario.
+
+    Raises:
+        OptionError: the period is so long that it must be in ms.
     """
     given = {name: value for name, value in changes.items() if value is not None}
+    if (period := given.get("period", 0.0)) >= 0.5:
+        raise OptionError(
+            f"--period {period:g}: it is in s; {period:g} ms are --period {1e-3 * period:g}"
+        )
     return given if governor is None else given | {"governor": Governor() if governor else None}
 
 
@@ -128,8 +135,8 @@ def port_of(
     if depth is not None and not 0.0 < depth < 1.0:
         raise OptionError(f"--depth {depth:g}: it is in m; give one below 1, such as 0.1")
     port = Port(
-        pivot=None if trocar is None else _vector("trocar", trocar, 10.0),
-        axis=None if axis is None else _vector("axis", axis, math.inf),
+        pivot=None if trocar is None else vector("trocar", trocar, 10.0),
+        axis=None if axis is None else vector("axis", axis, math.inf),
         depth=depth,
         cone=None if cone is None else math.radians(cone),
         tolerance=None if tolerance is None else 1e-3 * tolerance,
@@ -137,7 +144,7 @@ def port_of(
     return {"port": port}
 
 
-def _vector(name: str, text: str, most: float) -> Vector3:
+def vector(name: str, text: str, most: float) -> Vector3:
     """Three numbers out of a text; lengths above ``most`` are not taken for m."""
     try:
         values = vector3(name, [float(part) for part in text.split(",")])

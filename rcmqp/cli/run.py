@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -26,12 +28,13 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import make_controller, own_file
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
 from rcmqp.runs.head import check_replaceable
 from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.recorded import Recorded, along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate
@@ -53,7 +56,10 @@ def run(
         ),
     ] = None,
     controller: Annotated[
-        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+        str,
+        typer.Option(
+            "--controller", "-c", help="Name (see rcmqp controllers), or FILE.py[:CLASS]."
+        ),
     ] = "dual_quaternion",
     file: Annotated[
         Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
@@ -61,6 +67,16 @@ def run(
     flange: FlangeOption = None,
     acceleration: AccelerationOption = None,
     jerk: JerkOption = None,
+    path: Annotated[
+        Path | None,
+        typer.Option(
+            "--path", help="CSV of the tip's way: t [s], x [mm], y [mm], z [mm], from the start."
+        ),
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        typer.Option("--motion", help="CSV of the trocar's: t [s], world x [mm], and so on."),
+    ] = None,
     instrument: InstrumentOption = None,
     trocar: Trocar = None,
     axis: Axis = None,
@@ -107,11 +123,15 @@ def run(
 
       rcmqp run circle --arm panda --trocar 0.45,0.1,0.2 --depth 0.12
 
+      rcmqp run circle --path tip.csv --motion breathing.csv
+
       rcmqp run fast_helix --controller hierarchical_qp --governor
     """
     if arm == "":
         raise UnknownName("arm", arm, arm_names())
-    options = options_of(controller, settings or [])
+    controller, _, options_there = own_file.known(controller).partition(":")
+    given_there = options_there.split(",") if options_there else []
+    options = options_of(controller, [*given_there, *(settings or [])])
     if gain is not None:
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
@@ -125,6 +145,12 @@ def run(
         | port_of(trocar, axis, depth, cone, tolerance)
     )
     chosen = load_scenario(scenario, arm, flange=flange, **given)
+    if path is not None:
+        chosen = along(chosen, Recorded.read(path))
+        if duration is not None:
+            chosen = dataclasses.replace(chosen, duration=duration)
+    if motion is not None:
+        chosen = moved(chosen, Recorded.read(motion))
     insertion = chosen.insertion()
     if trocar is not None and tolerance is None and not as_json:
         console.err.print(f"start: {ease_at(insertion)}", highlight=False, soft_wrap=True)
@@ -150,12 +176,35 @@ def show(
     file: Annotated[Path, typer.Argument(help="A run's HDF5 file.")],
     figures: Annotated[
         Path | None,
-        typer.Option(help="Folder to draw trajectory and errors into, as PNG and PDF."),
+        typer.Option(help="Folder to draw trajectory and errors into."),
     ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            metavar="png|pdf|svg|eps",
+            help="Of the figures; may be repeated; PNG and PDF without it.",
+        ),
+    ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Of the figure of errors, such as 88 for a column."),
+    ] = None,
+    dpi: Annotated[float, typer.Option(help="Dots per inch of a PNG.")] = 160.0,
     as_json: AsJson = False,
 ) -> None:
-    """Show what is in a run's file."""
-    written = [] if figures is None else _draw(Run.load(file), figures, file.stem)
+    """Show what is in a run's file.
+
+    For example,
+
+      rcmqp show helix.h5 --figures figures --format pdf --format eps --width 88
+    """
+    written: list[Path] = []
+    if figures is not None:
+        endings = [f".{each.lower().lstrip('.')}" for each in formats or ("png", "pdf")]
+        written = _draw(Run.load(file), figures, file.stem, endings, width, dpi)
+    elif formats or width is not None:
+        raise OptionError("--format and --width are of figures; say where to: --figures FOLDER")
     _show(file, as_json)
     for path in written if not as_json else []:
         console.print_written(path)
@@ -167,13 +216,21 @@ def _show(file: Path, as_json: bool) -> None:
         console.print_run(result, as_json, file)
 
 
-def _draw(result: Run, folder: Path, stem: str) -> list[Path]:
-    """Trajectory and errors of a run, as PNG and PDF."""
+def _draw(
+    result: Run, folder: Path, stem: str, endings: Sequence[str], width: float | None, dpi: float
+) -> list[Path]:
+    """Trajectory and errors of a run; ``width`` of the errors' figure in mm."""
     from rcmqp.show import plots  # matplotlib takes long to import
 
     make_folder(folder)
-    check_writable(folder / f"{stem}_errors.pdf")
+    check_writable(folder / f"{stem}_errors{endings[0]}")
+    inches = plots.WIDTH if width is None else width / 25.4
+    figures = {
+        "trajectory": plots.trajectory_figure([result]),
+        "errors": plots.error_figure([result], width=inches),
+    }
     return [
-        *plots.save_figure(plots.trajectory_figure([result]), folder / f"{stem}_trajectory"),
-        *plots.save_figure(plots.error_figure([result]), folder / f"{stem}_errors"),
+        path
+        for name, figure in figures.items()
+        for path in plots.save_figure(figure, folder / f"{stem}_{name}", endings=endings, dpi=dpi)
     ]

@@ -22,7 +22,9 @@ from rcmqp.cli.options import (
     Trocar,
     limits_of,
     port_of,
+    scenario_changes,
 )
+from rcmqp.controllers import own_file
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
@@ -56,8 +58,8 @@ def study(
         typer.Option(
             "--controller",
             "-c",
-            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated; dual_quaternion "
-            "without it.",
+            help="NAME or FILE.py[:CLASS], and :OPTION=VALUE,OPTION=VALUE; may be repeated; "
+            "dual_quaternion without it.",
         ),
     ] = None,
     gain: Annotated[
@@ -106,7 +108,7 @@ def study(
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder)
         return
-    given = {} if period is None else {"period": period}
+    given = scenario_changes(None, period=period)
     laws = [
         Law(name, options=tuple(options.items()), **given)
         for name, options in _settings(controller or ["dual_quaternion"], gain or [])
@@ -127,7 +129,7 @@ def _settings(
     controllers: Sequence[str], gains: Sequence[float]
 ) -> list[tuple[str, dict[str, Any]]]:
     """Name and options of each controller, once with each gain."""
-    made = [controller_of(setting) for setting in controllers]
+    made = [controller_of(own_file.known(setting)) for setting in controllers]
     for name, options in made:
         if gains and "gain" in options:
             raise OptionError(f"the gain of {name} is given twice, by --gain and by -c")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +11,7 @@ import typer
 
 from rcmqp.cli import console
 from rcmqp.cli.console import err
-from rcmqp.cli.options import Files
+from rcmqp.cli.options import Files, vector
 from rcmqp.errors import OptionError
 from rcmqp.files import check_ending
 from rcmqp.runs.run import Run
@@ -87,6 +88,14 @@ def snapshot(
     camera: CameraOption = "scene",
     size: SizeOption = None,
     dark: Dark = False,
+    direction: Annotated[
+        str | None,
+        typer.Option("--from", metavar="X,Y,Z", help="Direction that the scene is seen from."),
+    ] = None,
+    zoom: Annotated[float, typer.Option(help="2 shows the scene's middle twice as large.")] = 1.0,
+    transparent: Annotated[
+        bool, typer.Option("--transparent", help="The scene without a background.")
+    ] = False,
     arm: ArmOption = None,
     flange: FlangeOption = None,
 ) -> None:
@@ -97,11 +106,23 @@ def snapshot(
       rcmqp snapshot helix.h5 --time 5 --out helix.png
 
       rcmqp snapshot helix.h5 --time 5 --camera endoscope --out inside.png
+
+      rcmqp snapshot helix.h5 --from 1,-1,0.4 --zoom 1.5 --transparent --size 3840x2160 --out a.png
     """
     from rcmqp.show.viewer import capture
 
     runs = _loaded(files, arm, flange)
-    written = capture.snapshot(runs, file, time=time, camera=camera, size=_size(size), dark=dark)
+    written = capture.snapshot(
+        runs,
+        file,
+        time=time,
+        camera=camera,
+        size=_size(size),
+        dark=dark,
+        direction=None if direction is None else vector("from", direction, math.inf),
+        zoom=zoom,
+        transparent=transparent,
+    )
     console.print_written(written)
 
 

@@ -93,7 +93,7 @@ class Controller(abc.ABC):
     period: float = field(metadata=positive("s"))
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """No class goes by the name of the one that it derives from."""
+        """Give each subclass a ``name`` of its own; it is never inherited."""
         super().__init_subclass__(**options)
         if "name" not in vars(cls):
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
@@ -36,7 +39,26 @@ def batch(
     parallel = Parallel(
         n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
     )
-    return iter(parallel(delayed(_numbered)(work, i, piece) for i, piece in enumerate(pieces)))
+    with _interrupts_ignored():  # the processes start in here
+        return iter(parallel(delayed(_numbered)(work, i, piece) for i, piece in enumerate(pieces)))
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C in here, and for good in the processes that start in here.
+
+    A terminal sends SIGINT to all of them, and each would print a traceback. Outside, this process
+    alone answers it, and ends the others.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before is None or threading.current_thread() is not threading.main_thread():
+        yield  # not Python's handler, or a thread that may not change it
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def check_jobs(jobs: int) -> None:

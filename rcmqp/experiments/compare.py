@@ -23,7 +23,7 @@ from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.tables import Row, as_csv, as_latex, as_markdown, columns_explained, row_of
-from rcmqp.world.loading import names_its_flange
+from rcmqp.world.loading import URDF_ENDINGS, names_its_flange
 
 PAUSE = 1.0
 """Least time between two writings of unfinished tables [s]."""
@@ -99,7 +99,7 @@ def cases(
 
 
 def arm_and_flange(arm: str | None, flange: str | None = None) -> tuple[str | None, str | None]:
-    """An arm out of NAME, FILE.urdf or FILE.urdf:FLANGE, and its flange.
+    """An arm out of NAME, FILE or FILE:FLANGE, where FILE is a URDF's, and its flange.
 
     Args:
         arm: the text; None for the scenario's own arm, which has no flange of a URDF.
@@ -108,7 +108,7 @@ def arm_and_flange(arm: str | None, flange: str | None = None) -> tuple[str | No
     if arm is None or names_its_flange(arm):
         return arm, None
     file, _, own = arm.rpartition(":")
-    if file.lower().endswith(".urdf") and not Path(arm).is_file():
+    if file.lower().endswith(URDF_ENDINGS) and not Path(arm).is_file():
         return file, own
     return arm, flange
 

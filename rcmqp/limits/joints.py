@@ -111,7 +111,7 @@ class JointLimits(CompiledLimit):
         """Check the options and the arm's limits."""
         check_positive("period", self.period, "s")
         if not 0.0 <= self.margin < np.inf:
-            raise OptionError(f"margin = {self.margin} rad, it must be 0 or more, and finite")
+            raise OptionError(f"margin = {self.margin}, it must be 0 or more, and finite")
         for name in ("braking", "easing"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise OptionError(
@@ -121,9 +121,11 @@ class JointLimits(CompiledLimit):
         for i, joint in enumerate(arm.joints):
             lower, upper = arm.lower[i], arm.upper[i]
             if not lower + self.margin < upper - self.margin:
+                unit = arm.joint_units[i]
                 raise OptionError(
-                    f"{joint} has position limits [{lower:.4g}, {upper:.4g}] rad, which a margin "
-                    f"of {self.margin:.4g} rad leaves empty; mend the limits or lower the margin"
+                    f"{joint} has position limits [{lower:.4g}, {upper:.4g}] {unit}, which a "
+                    f"margin of {self.margin:.4g} {unit} leaves empty; mend the limits or lower "
+                    "the margin"
                 )
             for kind in ("velocity", "acceleration", "jerk"):
                 value = getattr(arm, kind)[i]

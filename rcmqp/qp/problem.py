@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -195,9 +194,6 @@ class QPSolver(Protocol):
     def reset(self) -> None:
         """Forget earlier calls: the next answers are those of a new solver, bit by bit."""
         ...
-
-
-SolverFactory = Callable[..., QPSolver]
 
 
 def kkt_residuals(qp: QP, solution: QPSolution) -> KKTResiduals:

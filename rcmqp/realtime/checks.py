@@ -177,27 +177,28 @@ class CommandCheck:
 
     def _words(self, k: int, v: float, angle: float, before: float, a: float) -> str:
         """What joint k cannot do."""
-        arm, T = self.arm, self._brake.period
+        arm, T, unit = self.arm, self._brake.period, self.arm.joint_units[k]
         change, room = (v - before) / T, arm.velocity[k] - abs(before)
         jerk, who = (change - a) / T, f"{arm.joints[k]} was to"
         by = f"by {self.controller}'s command"
         if abs(change) > (1.0 + SLACK) * arm.acceleration[k]:
-            what, given, allowed = "accelerate", f"{change:.4g} rad/s^2", arm.acceleration[k]
-            return f"{who} {what} {by} at {given}, allowed {allowed:.4g} rad/s^2; {ABRUPT}"
+            what, given, allowed = "accelerate", f"{change:.4g} {unit}/s^2", arm.acceleration[k]
+            return f"{who} {what} {by} at {given}, allowed {allowed:.4g} {unit}/s^2; {ABRUPT}"
         if abs(jerk) > (1.0 + SLACK) * arm.jerk[k]:
-            given, allowed = f"{jerk:.4g} rad/s^3", arm.jerk[k]
+            given, allowed = f"{jerk:.4g} {unit}/s^3", arm.jerk[k]
             return (
-                f"{who} move {by} with a jerk of {given}, allowed {allowed:.4g} rad/s^3; {ABRUPT}"
+                f"{who} move {by} with a jerk of {given}, allowed {allowed:.4g} {unit}/s^3; "
+                f"{ABRUPT}"
             )
         if abs(change) > float(braking_speed(room, arm.jerk[k], T)) and change * v > 0.0:
             return (
-                f"{who} accelerate {by} at {change:.4g} rad/s^2 and {v:.4g} rad/s, too much to "
-                f"stay below {arm.velocity[k]:.4g} rad/s; {ABRUPT}"
+                f"{who} accelerate {by} at {change:.4g} {unit}/s^2 and {v:.4g} {unit}/s, too much "
+                f"to stay below {arm.velocity[k]:.4g} {unit}/s; {ABRUPT}"
             )
         side, limit = ("upper", arm.upper[k]) if v > 0.0 else ("lower", arm.lower[k])
         return (
-            f"{who} move {by} at {v:.4g} rad/s, at {angle:.4g} rad, from where it cannot stop "
-            f"before its {side} position limit, {limit:.4g} rad; {ABRUPT}"
+            f"{who} move {by} at {v:.4g} {unit}/s, at {angle:.4g} {unit}, from where it cannot "
+            f"stop before its {side} position limit, {limit:.4g} {unit}; {ABRUPT}"
         )
 
 
@@ -215,7 +216,8 @@ def check_speed(v: Array, arm: Arm, what: str, remedy: str) -> None:
     """
     if np.any(np.abs(v) > (1.0 + SLACK) * arm.velocity):
         k = int(np.argmax(np.abs(v) - arm.velocity))
+        unit = arm.joint_units[k]
         raise LoopFault(
-            f"{arm.joints[k]} {what} at {v[k]:.4g} rad/s, allowed {arm.velocity[k]:.4g} rad/s; "
-            f"{remedy}"
+            f"{arm.joints[k]} {what} at {v[k]:.4g} {unit}/s, allowed {arm.velocity[k]:.4g} "
+            f"{unit}/s; {remedy}"
         )

@@ -21,7 +21,7 @@ KEY = 32
 """Bytes of a key."""
 
 WINDOW = 1024
-"""How many numbers below the newest are told apart as seen or not."""
+"""How many numbers below the newest are known as seen or not."""
 
 DOUBLE = np.dtype("<f8")
 """How a number is written."""

@@ -77,7 +77,7 @@ def run_realtime(
 
     The controller is told the velocity that was sent last, as simulate() does: a measured one lags
     behind, and is used at the start only. Where the controller itself answers with its safe stop,
-    to a reference that is no pose, for one, the loop goes on, brakes with it, and counts.
+    for example to a reference that is not a pose, the loop goes on, brakes with it, and counts.
 
     The garbage collector is kept out of the way while the loop runs.
 

@@ -14,6 +14,7 @@ drops and counts. It ends, with its account in a line of JSON, when its stdin cl
 from __future__ import annotations
 
 import json
+import os
 import select
 import socket
 import sys
@@ -309,4 +310,8 @@ def _arrived(udp: socket.socket) -> list[bytes]:
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1], float(sys.argv[2]), *map(int, sys.argv[3:]))
+    try:
+        serve(sys.argv[1], float(sys.argv[2]), *map(int, sys.argv[3:]))
+    except BrokenPipeError:  # the program that started this one has ended: nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)

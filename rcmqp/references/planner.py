@@ -131,8 +131,8 @@ class Planner:
         finite, it begins at the last reference.
 
         Its derivative is the velocity of the part that follows: zero at the last one. A reference
-        that is no pose, or not finite, as of a trocar that was not seen, is answered as it is, so
-        that the controller stops; the way goes on from where it was with the next one.
+        that is not a pose or not finite, such as that of a trocar that was not seen, is returned
+        unchanged, so that the controller stops; the next one continues from where the last was.
         """
         found = self._approach(reference, self._x)
         begins = found.moved and found.left == self.points

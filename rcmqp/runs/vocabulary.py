@@ -57,7 +57,7 @@ _CASE = (
     ),
     Measure(
         "roll",
-        "roll",
+        "roll held",
         "roll controlled",
         "",
         "Whether the controller turns the instrument about its shaft as it is asked to. One that "

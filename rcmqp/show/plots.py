@@ -7,12 +7,15 @@ import os
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import whole
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
@@ -25,6 +28,17 @@ FLOOR_MM = 1e-13
 """Where a logarithmic axis ends at the latest [mm]; what is less, as zero is, is drawn there."""
 WIDE = 44
 """Letters of a line of what tells a run apart, at most."""
+WIDTH, NARROW, SMALL = 8.0, 6.0, 8
+"""Of a figure of errors: width [in]; below which letters are small; their size then [pt]."""
+ENDINGS = (".png", ".pdf", ".svg", ".eps")
+"""Of files that a figure can be written to."""
+FONTS: Any = {
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "rcmqp",
+}
+"""TrueType, which journals take, and text that stays text."""
 SHAFTS = 7
 """How many times the shaft is drawn along a trajectory."""
 
@@ -56,7 +70,11 @@ def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure
 
 
 def error_figure(
-    runs: Sequence[Run], *, logarithmic: bool = False, labels: Sequence[str] = ()
+    runs: Sequence[Run],
+    *,
+    logarithmic: bool = False,
+    labels: Sequence[str] = (),
+    width: float = WIDTH,
 ) -> Figure:
     """Tip error and RCM error over time, all runs in one plot each, as the paper's Fig. 3.
 
@@ -67,12 +85,33 @@ def error_figure(
         runs: at least one.
         logarithmic: whether the errors' axes are.
         labels: what tells the runs apart; arms and run_labels() without it.
+        width: of the figure [in]; a column of a journal is about 3.5.
+
+    Raises:
+        OptionError: the width is below 2 or above 20 inches.
     """
+    if not 2.0 <= width <= 20.0:
+        raise OptionError(
+            f"width = {width:.3g} in; give 2 to 20, which is 51 to 508 mm, such as 88 mm for a "
+            "column"
+        )
+    size: Any = {"font.size": SMALL} if width < NARROW else {}
+    with matplotlib.rc_context(size):
+        return _error_figure(runs, logarithmic, labels, width)
+
+
+def _error_figure(
+    runs: Sequence[Run], logarithmic: bool, labels: Sequence[str], width: float
+) -> Figure:
     names = [_wrapped(label) for label in labels or _labels(runs)]
-    columns = 4 if max(map(len, names)) < 18 else 2
+    columns = max(1, int((4 if max(map(len, names)) < 18 else 2) * width / WIDTH))
     lines = 1 + max(name.count("\n") for name in names)
     legend = lines * math.ceil(len(names) / columns)
-    figure = Figure(figsize=(8.0, 5.2 + 0.2 * legend), layout="constrained")
+    title = _shared_text(runs, int(2 * WIDE * width / WIDTH))
+    height = 0.65 * width + 0.2 * legend
+    if width < NARROW:  # the same letters take more of it
+        height += 0.4 + 0.15 * title.count("\n")
+    figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for plot, name in zip(axes, ("tip", "RCM"), strict=True):
         errors = [1e3 * getattr(run, f"{name.lower()}_error") for run in runs]
@@ -89,7 +128,7 @@ def error_figure(
                 marker="" if run.time.size > 1 else ".",  # a line needs two
             )
         _label_axes(plot, f"{name} error [mm]", errors if logarithmic else [])
-    axes[0].set_title(_shared_text(runs), fontsize=9)
+    axes[0].set_title(title, fontsize=SMALL if width < NARROW else 9)
     axes[1].set_xlabel("time [s]")
     figure.legend(
         *axes[0].get_legend_handles_labels(),
@@ -100,22 +139,39 @@ def error_figure(
     return figure
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> list[Path]:
-    """Write a figure as PNG and as PDF, and return both paths.
+def save_figure(
+    figure: Figure,
+    path: str | os.PathLike[str],
+    *,
+    endings: Sequence[str] = (".png", ".pdf"),
+    dpi: float = 160,
+) -> list[Path]:
+    """Write a figure, as PNG and as PDF, and return the paths.
+
+    Letters are TrueType fonts (Type 42) in PDF and EPS, and text in SVG.
 
     Args:
         figure: to write.
-        path: of both files, without their endings; it may have dots of its own.
+        path: of the files, without their endings; it may have dots of its own.
+        endings: of the files to write, of ENDINGS.
+        dpi: of PNG, and of what is no line in other files [dots per inch].
 
     Raises:
+        UnknownName: there is no such ending.
+        OptionError: dpi is below 30 or above 2400.
         RunFileError: a file cannot be written.
     """
+    for ending in endings:
+        if ending not in ENDINGS:
+            raise UnknownName("ending of a figure", ending, ENDINGS)
+    if not 30 <= dpi <= 2400:
+        raise OptionError(f"dpi = {dpi:g}; give 30 to 2400, such as 600 for print")
     stem = Path(path)
-    paths = [stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".pdf")]
+    paths = [stem.with_name(f"{stem.name}{ending}") for ending in endings]
     for target in paths:
-        about = {"CreationDate": None} if target.suffix == ".pdf" else {}
-        with whole(target) as part:
-            figure.savefig(part, dpi=160, metadata=about)
+        about = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(target.suffix, {})
+        with whole(target) as part, matplotlib.rc_context(FONTS):
+            figure.savefig(part, dpi=dpi, metadata=about)
     return paths
 
 
@@ -135,6 +191,7 @@ def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
     axes.locator_params(nbins=5)
     axes.zaxis.labelpad = 9
     axes.set_box_aspect((1, 1, 1), zoom=0.9)
+    _make_solid(axes)
     axes.view_init(elev=18, azim=-55)
 
 
@@ -142,7 +199,7 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     desired, found = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
     for k in np.linspace(0, len(run.time) - 1, SHAFTS).astype(int):
         axes.plot(*np.column_stack([np.zeros(3), found[k]]), color="0.6", linewidth=0.8)
-    axes.plot(*desired.T, color="black", linewidth=2.8, alpha=0.25, label="desired tip")
+    axes.plot(*desired.T, color="0.75", linewidth=2.8, label="desired tip")
     axes.plot(*found.T, color=colour, linewidth=1.2, label="tip")
     axes.scatter([0.0], [0.0], [0.0], color="black", s=30, label="trocar", depthshade=False)
     drawn = np.vstack([desired, found])
@@ -156,7 +213,14 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     axes.locator_params(axis="z", nbins=6)
     axes.tick_params(axis="z", pad=7)
     axes.view_init(elev=18, azim=-60)
+    _make_solid(axes)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
+
+
+def _make_solid(axes: Axes3D) -> None:
+    """Give the walls behind a plot colours that EPS, which is never transparent, can have."""
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((0.975, 0.975, 0.975, 1.0))
 
 
 def _from_trocar(run: Run, points: Array) -> Array:
@@ -211,4 +275,4 @@ def _label_axes(axes: Axes, label: str, errors: Sequence[Array]) -> None:
         axes.set_ylim(bottom=0.5 * min(lowest, default=FLOOR_MM))
     else:
         axes.set_ylim(bottom=0.0)
-    axes.grid(alpha=0.3)
+    axes.grid(color="0.9")

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp.errors import ArmError, UnknownName
+from rcmqp.world.urdf_checks import MOST_LENGTH
 
 MOST_FILE = 1_000_000
 """Bytes of an arm's file."""
@@ -57,12 +58,14 @@ class ArmFile:
         entry: its keys.
         urdf: the URDF that it names.
         packages: folders in which the meshes of package:// are looked for.
+        like: what the file of the registered arm says that it is like; empty without one.
     """
 
     path: Path
     entry: Mapping[str, Any]
     urdf: Path
     packages: tuple[Path, ...]
+    like: Mapping[str, Any]
 
     def placement(self, table: str) -> pin.SE3:
         """Of [flange] in its frame, or of [base] in the world: xyz [m] and rpy [rad]."""
@@ -91,6 +94,11 @@ class ArmFile:
                 f"{self.path}: {table}.{key} = {values!r}, it must be three numbers, such as "
                 "[0.0, 0.0, 1.5]; lengths in m, angles in rad"
             )
+        if max(map(abs, values)) > MOST_LENGTH:
+            raise ArmError(
+                f"{self.path}: {table}.{key} = {values!r}, beyond {MOST_LENGTH:g}; are these "
+                "millimetres or degrees? An arm's file has metres and radians"
+            )
         return np.array(values, dtype=float)
 
     def _number(self, what: str, value: Any) -> str:
@@ -111,7 +119,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
         UnknownName: a key, or the arm in ``like``, is not known.
     """
     entry = _toml(path)
-    folder = path.parent
+    folder, like = path.parent, {}
     if "like" in entry:
         names = sorted(each.name for each in robots.iterdir() if (each / "robot.toml").is_file())
         if entry["like"] not in names:
@@ -119,7 +127,8 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
         if "urdf" in entry:
             raise ArmError(f"{path}: has both urdf and like; give one of them")
         folder = robots / entry["like"]
-        entry = _merged(_toml(folder / "robot.toml"), entry)
+        like = _toml(folder / "robot.toml")
+        entry = _merged(like, entry)
     if not isinstance(entry.get("urdf"), str):
         raise ArmError(
             f'{path}: has no urdf; add urdf = "my_robot.urdf", its path from this file, or '
@@ -136,7 +145,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
     found = tuple((path.parent / each).resolve() for each in packages)
     if missing := [each for each in found if not each.is_dir()]:
         raise ArmError(f"{path}: there is no folder {missing[0]}, which packages names")
-    return ArmFile(path, entry, _resolve(folder, entry["urdf"], path), found)
+    return ArmFile(path, entry, _resolve(folder, entry["urdf"], path), found, like)
 
 
 def _toml(path: Path) -> dict[str, Any]:

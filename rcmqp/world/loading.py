@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import importlib.resources
@@ -16,7 +17,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rcmqp.errors import ArmError, ArmWarning, PluginError, UnknownName
+from rcmqp.errors import (
+    ArmError,
+    ArmWarning,
+    JointLimitViolated,
+    PluginError,
+    RcmqpError,
+    UnknownName,
+)
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm, ModelSource, find_frame
 from rcmqp.world.arm_file import LIMITS, ArmFile, read_arm_file
@@ -29,9 +37,10 @@ from rcmqp.world.arm_limits import (
     per_joint_position,
 )
 from rcmqp.world.home import home_of
+from rcmqp.world.inherited import entry_of
 from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
-from rcmqp.world.questions import questions
+from rcmqp.world.questions import file_questions, home_question, questions
 from rcmqp.world.urdf import (
     Urdf,
     limits_of,
@@ -56,11 +65,16 @@ def arm_names() -> list[str]:
 
 
 def arm_title(name: str) -> str:
-    """What people call the arm: the title in its robot.toml, or a file's name without ending."""
+    """What people call the arm: the title in its file, or a file's name without ending."""
     folder = _folder(name)
     if folder is not None:
         return str(read_arm_file(folder / "robot.toml", _robots()).entry["title"])
-    return Path(name).name.partition(".")[0] or name
+    path = Path(name)
+    if path.suffix.lower() == ARM_FILE:
+        with contextlib.suppress(RcmqpError):
+            if title := read_arm_file(path, _robots()).entry.get("title"):
+                return str(title)
+    return path.name.partition(".")[0] or name
 
 
 def names_its_flange(name: str) -> bool:
@@ -141,7 +155,7 @@ def load_arm(
     if own_file:
         file = read_arm_file(path, _robots())
         arm = _load_file(file, str(name), by_hand, path.read_bytes())
-        return _questioned(arm, mounted="rpy" in file.entry["flange"])
+        return _questioned(arm, *file_questions(file), mounted="rpy" in file.entry["flange"])
     assert folder is not None
     toml = folder / "robot.toml"
     made_of = None if str(name) in _own_names() else toml.read_bytes()
@@ -176,9 +190,9 @@ def _folder(name: str) -> Path | None:
     )
 
 
-def _questioned(arm: Arm, *, mounted: bool = False) -> Arm:
+def _questioned(arm: Arm, *more: str, mounted: bool = False) -> Arm:
     """The arm, and a warning for each thing that looks wrong with it; see questions()."""
-    for question in questions(arm, mounted=mounted):
+    for question in [*more, *questions(arm, mounted=mounted)]:
         warnings.warn(question, ArmWarning, stacklevel=1)
     return arm
 
@@ -187,8 +201,8 @@ def _load_file(
     file: ArmFile, name: str, by_hand: Mapping[str, Any], made_of: bytes | None = None
 ) -> Arm:
     """The arm of an arm's file; ``made_of`` is the file where it counts for sha256."""
-    entry = file.entry
     urdf = read_urdf(file.urdf)
+    entry = entry_of(file, urdf)
     if "base" in entry or "rail" in entry:
         urdf = placed(urdf, file.placement("base"), file.rail())
     sha256 = urdf.sha256
@@ -196,7 +210,9 @@ def _load_file(
         sha256 = hashlib.sha256(sha256.encode() + made_of).hexdigest()
     locked = entry.get("locked", {})
     sources = {str(topic): str(text) for topic, text in entry.get("sources", {}).items()}
-    about = {key: entry[key] for key in ("title", "licence", "srs_offsets") if key in entry}
+    about: dict[str, Any] = {
+        key: entry[key] for key in ("title", "licence", "srs_offsets") if key in entry
+    }
     if "speed_near_limits" in entry:
         about["speed_near_limits"] = SpeedNearLimits(**entry["speed_near_limits"])
     return built(
@@ -300,7 +316,12 @@ def built(
     arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
     _check_limits(arm)
     if home is not None:
-        arm.check_limits(arm.home)
+        try:
+            arm.check_limits(arm.home)
+        except JointLimitViolated as error:
+            if question := home_question(arm, error):
+                raise ArmError(question) from error
+            raise
     return arm
 
 

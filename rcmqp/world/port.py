@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import warnings
 from dataclasses import dataclass
 
-from rcmqp.errors import OptionError
+from rcmqp.errors import ArmWarning, OptionError
+from rcmqp.world.collisions import Collisions
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Vector3, vector3
 from rcmqp.world.start import find_start
 
 DOWN: Vector3 = (0.0, 0.0, -1.0)
+
+UPWARDS = 0.1
+"""Sine of the angle to the horizontal above which an axis points upwards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,9 @@ class Port:
         Raises:
             TrocarOffShaft: the pivot is farther off the shaft than the tolerance.
             InsertionError: no start was found, or depth or cone do not fit.
+
+        Warns:
+            ArmWarning: the trocar's axis points upwards, or the arm touches itself or the shaft.
         """
         arm, instrument, angles = before.bare, before.instrument, before.angles_start
         trocar, tolerance = before.trocar, before.tolerance
@@ -82,7 +91,7 @@ class Port:
             )
             if not stays:
                 angles = find_start(arm, instrument, trocar, depth=depth)
-        return Insertion(
+        made = Insertion(
             arm,
             instrument,
             trocar,
@@ -90,8 +99,32 @@ class Port:
             tolerance=tolerance,
             obstacles=before.obstacles,
         )
+        if self.pivot is not None:
+            for question in _questions(made):
+                warnings.warn(question, ArmWarning, stacklevel=2)
+        return made
 
     @property
     def keeps_pivot(self) -> bool:
         """Whether the incision stays where it is; then only its cone may change."""
         return self.pivot is None and self.depth is None
+
+
+def _questions(made: Insertion) -> list[str]:
+    """A sentence, with a remedy, for an axis that points upwards, and for parts that touch."""
+    found, axis = [], made.trocar.axis
+    if axis[2] > UPWARDS:
+        angle = math.degrees(math.asin(min(1.0, axis[2])))
+        given = ", ".join(f"{each:.3g}" for each in axis)
+        found.append(
+            f"the trocar's axis ({given}) points {angle:.0f} deg upwards, so the instrument comes "
+            "from below; the axis points into the patient: if it was meant the other way round, "
+            "change its signs, and where the arm stays at its start, choose a start with the "
+            "shaft downwards"
+        )
+    if touching := Collisions(made.arm, made.instrument).first(made.angles_start):
+        found.append(
+            f"{made.arm.name} starts with {touching} touching; choose another start: without a "
+            "tolerance one free of collisions is searched"
+        )
+    return found

@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pinocchio as pin
 
+from rcmqp.errors import JointLimitViolated
 from rcmqp.world.arm import Arm
+from rcmqp.world.arm_file import ArmFile
 
 TURNS = 13.0
 """Position limit that no joint which is not endless has [rad]: more than two turns each way."""
@@ -20,6 +22,9 @@ LONG, LONG_STROKE = 15.0, 10.0
 
 ASIDE, ALONG = math.cos(math.radians(75.0)), math.cos(math.radians(10.0))
 """Cosines: the flange's z axis is far from outwards, another axis of it is near."""
+
+FAR = {"flange": 2.0, "base": 30.0}
+"""Length of xyz in an arm's file that may be in millimetres [m]."""
 
 ENDLESS = 1e6
 """What a longer travel stands for: no limit [m]."""
@@ -41,7 +46,61 @@ def questions(arm: Arm, *, mounted: bool = False) -> list[str]:
         arm: what was loaded.
         mounted: whether the turn from the frame to the flange was chosen on purpose.
     """
-    return [*_degrees(arm), *_millimetres(arm), *([] if mounted else _flange(arm))]
+    return [
+        *_degrees(arm),
+        *_home(arm),
+        *_millimetres(arm),
+        *([] if mounted else _flange(arm)),
+    ]
+
+
+def file_questions(file: ArmFile) -> list[str]:
+    """A sentence, with a remedy, for each placement in an arm's file whose unit looks wrong."""
+    found = []
+    for table, far in FAR.items():
+        given = file.entry.get(table, {})
+        rpy, xyz = given.get("rpy", [0.0]), given.get("xyz", [0.0])
+        if max(map(abs, rpy)) > 2.0 * math.pi:
+            found.append(
+                f"{file.path}: [{table}] is turned by rpy = {rpy} rad, more than a full turn; are "
+                "these degrees? An arm's file has radians: multiply by 0.0174533"
+            )
+        if math.hypot(*xyz) > far:
+            found.append(
+                f"{file.path}: [{table}] is put at xyz = {xyz} m; are these millimetres? An arm's "
+                "file has metres: multiply by 0.001"
+            )
+    return found
+
+
+def home_question(arm: Arm, error: JointLimitViolated) -> str:
+    """A sentence if a home outside the limits is inside in another unit; else nothing."""
+    slides = arm.joint_units[arm.joints.index(error.joint)] == "m"
+    unit, right, factor, most = (
+        ("millimetres", "metres", 0.001, 2.0)
+        if slides
+        else ("degrees", "radians", math.pi / 180.0, 2.0 * math.pi)
+    )
+    inside = error.lower <= factor * error.position <= error.upper
+    if abs(error.position) <= most or not inside:
+        return ""
+    return (
+        f"{arm.name}: home has {error}; are these {unit}? Home is in {right}: multiply by "
+        f"{factor:.6g}"
+    )
+
+
+def _home(arm: Arm) -> list[str]:
+    """Whether home turns an endless joint more than twice; others are inside their limits."""
+    if arm.source is None or arm.source.recipe.get("home") is None:
+        return []  # a home that is searched is right, and takes long
+    for i, joint in enumerate(arm.joints):
+        if arm.turns[i] and not math.isfinite(arm.upper[i]) and abs(arm.home[i]) > TURNS:
+            return [
+                f"{arm.name}: home has joint {joint!r} at {arm.home[i]:g} rad; are these degrees? "
+                "Home is in radians: multiply by 0.0174533"
+            ]
+    return []
 
 
 def _degrees(arm: Arm) -> list[str]:

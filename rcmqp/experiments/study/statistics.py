@@ -17,6 +17,9 @@ from rcmqp.maths.dualquaternion import Array
 
 CONFIDENCE = 0.95
 
+FEWEST = 5
+"""People from which on a mean has an interval."""
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -27,7 +30,8 @@ class Summary:
         mean: their mean.
         deviation: sample standard deviation, with n - 1; NaN for one.
         error: Monte-Carlo error of the mean, deviation / sqrt(n); NaN for one.
-        low, high: interval of the mean at 95 % confidence, Student's t; NaN for one.
+        low, high: interval of the mean at 95 % confidence, Student's t; NaN for less than FEWEST,
+            where it would be wider than what is measured can be.
         least, largest: of them.
     """
 
@@ -55,7 +59,8 @@ def summary(values: ArrayLike) -> Summary:
         return Summary(1, mean, nan, nan, nan, nan, least, largest)
     deviation = float(np.std(sample, ddof=1))
     error = deviation / float(np.sqrt(n))
-    half = float(stdtrit(n - 1, 0.5 + CONFIDENCE / 2.0)) * error
+    wide = float(stdtrit(n - 1, 0.5 + CONFIDENCE / 2.0)) if n >= FEWEST else nan
+    half = wide * error
     return Summary(n, mean, deviation, error, mean - half, mean + half, least, largest)
 
 

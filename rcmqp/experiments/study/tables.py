@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 from rcmqp.experiments.study.comparisons import (
@@ -15,7 +16,7 @@ from rcmqp.experiments.study.comparisons import (
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Study
-from rcmqp.experiments.study.statistics import Summary, summary
+from rcmqp.experiments.study.statistics import FEWEST, Summary, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
 from rcmqp.runs.measures import Measure
@@ -36,6 +37,13 @@ MEANS = {
     "slow_share": "not given",
 }
 """Measures with mean and standard deviation, and the paper's figures."""
+
+RANGES = {
+    "obstacle_tip_mm": (-math.inf, math.inf),
+    "obstacle_shaft_mm": (-math.inf, math.inf),
+    "slow_share": (0.0, 1.0),
+}
+"""The least and largest possible value of a measure of MEANS; 0 and no end if not listed."""
 
 EXTREMES = {"effector_max_mm": "4.82 (†)", "tip_max_mm": "4.82 (†)", "rcm_max_mm": "0.37"}
 """Largest errors of all trials [mm], and the paper's."""
@@ -58,7 +66,8 @@ measures the distance is not said. Both are to the obstacle's surface: from the 
 point, and from the shaft's surface.
 
 ± is the standard deviation between operators, [ ] where the mean of the model lies: the 95 %
-interval (Student's t) of a mean over the people drawn. It says how exactly these draws give the
+interval (Student's t) of a mean over the people drawn, given for five or more. It ends where the
+measure can be no less or no more: no time is below 0 s. It says how exactly these draws give the
 model's mean, and nothing about real people. Times are of those who finished, changes of those who
 have both numbers. The operators are a model. Its errors are not the paper's: compare the columns.
 The times spent looking, and with them the completion times, rest on parameters fitted
@@ -162,8 +171,12 @@ def _cell(found: Summary, measure: Measure, people: int) -> str:
     if found.count == 0:
         return ""
     some = f" ({found.count} of {people})" if found.count < people else ""
+    least, most = RANGES.get(measure.name, (0.0, math.inf))
     mean, deviation, low, high = (
         measure.text(x, measure.fixed)
-        for x in (found.mean, found.deviation, found.low, found.high)
+        for x in (found.mean, found.deviation, max(found.low, least), min(found.high, most))
     )
-    return f"{mean}{some}" if found.count == 1 else f"{mean} ± {deviation} [{low}, {high}]{some}"
+    if found.count == 1:
+        return f"{mean}{some}"
+    interval = f" [{low}, {high}]" if found.count >= FEWEST else ""
+    return f"{mean} ± {deviation}{interval}{some}"

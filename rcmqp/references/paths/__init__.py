@@ -19,6 +19,7 @@ from rcmqp.references.paths.drawn import Drawn
 from rcmqp.references.paths.foreign import Foreign
 from rcmqp.references.paths.hand_trace import HandTrace
 from rcmqp.references.paths.lissajous import Lissajous
+from rcmqp.references.paths.tip_trace import TipTrace
 from rcmqp.references.paths.view_moves import ViewMoves
 from rcmqp.references.paths.view_steps import ViewSteps
 from rcmqp.references.view import ViewCommand
@@ -69,6 +70,7 @@ _OWN: dict[str, type[Path]] = {
     "conical_helix": ConicalHelix,
     "hand_trace": HandTrace,
     "lissajous": Lissajous,
+    "tip_trace": TipTrace,
     "view_moves": ViewMoves,
     "view_steps": ViewSteps,
 }
@@ -84,6 +86,7 @@ __all__ = [
     "Lissajous",
     "Path",
     "Shows",
+    "TipTrace",
     "ViewMoves",
     "ViewSteps",
     "views_of",

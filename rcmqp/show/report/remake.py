@@ -10,6 +10,7 @@ from typing import Any
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.runs.loop_record import PATH as REAL_TIME
 from rcmqp.runs.run import Run
 from rcmqp.show.labels import versions_text
 from rcmqp.show.report.groups import Group
@@ -28,10 +29,12 @@ def run_command(run: Run, scenario: str, file: str) -> str:
         scenario: JSON file of its scenario, whose period and seed may be others.
         file: to write the run to.
     """
+    path = run.scenario.path
+    if isinstance(path, Foreign) and path.kind == REAL_TIME:
+        return f"# {file}: recorded in real time, so no command makes it again"
     kind = CONTROLLERS.get(run.controller)
     if kind is None or not _is_installed(kind, CONTROLLERS):
         return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
-    path = run.scenario.path
     if isinstance(path, Foreign) or not _is_installed(type(path), PATHS, STEERED):
         name = path.kind if isinstance(path, Foreign) else type(path).__name__
         return f"# {file}: its path {name!r} is not one of rcmqp's"
@@ -65,9 +68,12 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
     made = [f"- {literal(f'{group.title}: {versions_text(group.runs)}')}" for group in groups]
     return "\n".join(
         [
+            "A command that reads files of runs, as `rcmqp report` does, needs them in this "
+            "folder; the report itself does not put them there.",
+            "",
             *_code([command]),
-            "Or run by run, in this folder. With the same versions a run comes out with the same "
-            "digest, which `rcmqp show FILE --json` prints:",
+            "To make the files run by run, in this folder, use the commands below. With the same "
+            "versions a run comes out with the same digest; `rcmqp show FILE --json` prints it:",
             "",
             *_code(runs),
             "The runs here were made with:",

@@ -10,11 +10,14 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_ending, check_writable, whole
-from rcmqp.maths.options import allowed, positive
+from rcmqp.maths.options import allowed, between, positive
 from rcmqp.runs.run import Run
 from rcmqp.show.viewer.browser import ffmpeg_path, opened
+from rcmqp.world.instrument import unit_vector3
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -25,6 +28,9 @@ CAMERAS = {"scene": (1280, 960), "endoscope": (800, 880), "page": (1280, 800)}
 FINE = 480
 """Scenes and endoscopes at least as wide and high are drawn as on a display of twice the density
 [pixels]: lines and letters are large enough where the picture is shown small."""
+
+LEAST_TILT = 0.01
+"""Of a direction from the vertical: sine of the angle."""
 
 RATE = 30
 """Pictures a second of a video."""
@@ -38,6 +44,9 @@ def snapshot(
     camera: str = "scene",
     size: tuple[int, int] | None = None,
     dark: bool = False,
+    direction: Sequence[float] | None = None,
+    zoom: float = 1.0,
+    transparent: bool = False,
 ) -> Path:
     """Write a PNG of runs at one time, and return its path.
 
@@ -48,22 +57,49 @@ def snapshot(
         camera: one of CAMERAS.
         size: width and height in pixels; CAMERAS' own without it.
         dark: whether the background is dark.
+        direction: (3,) of ``scene``: from what it shows to the eye, in the world; without it, one
+            that shows base and trocar apart.
+        zoom: of ``scene``: 2 shows its middle twice as large.
+        transparent: of ``scene``: whether the picture has no background.
 
     Raises:
         ToolMissing: Chromium or playwright is not installed.
         UnknownName: there is no such camera.
-        OptionError: the time is outside the runs, or the file is no .png.
+        OptionError: the time is outside the runs, the file is no .png, a direction is vertical or
+            none, or what is for ``scene`` is asked of another camera.
         RunFileError: the file cannot be written.
         ViewError: see page().
     """
     size = _checked(runs, path, ".png", camera, size)
     _check_time(runs, time)
+    allowed("zoom", zoom, between(0.0, 100.0))
+    towards = None if direction is None else _towards(direction)
+    if camera != "scene" and (towards is not None or zoom != 1.0 or transparent):
+        raise OptionError(f"direction, zoom and transparent are of the camera scene, not {camera}")
     with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
+        if transparent:
+            page.evaluate("rcmqp.clear()")
+        page.evaluate("([from, zoom]) => rcmqp.look(from, zoom)", [towards, zoom])
         page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
-        picture = page.screenshot(type="png")
+        picture = page.screenshot(type="png", omit_background=transparent)
     with whole(path) as part:
         part.write_bytes(picture)
     return Path(path)
+
+
+def _towards(direction: Sequence[float]) -> list[float]:
+    """A direction of length 1 that the camera can stand in, its image upright.
+
+    Raises:
+        OptionError: there is none.
+    """
+    vector = np.array(unit_vector3("direction", direction))
+    if math.hypot(vector[0], vector[1]) < LEAST_TILT:
+        raise OptionError(
+            f"direction = {tuple(direction)} is vertical, and the picture would have no up; tilt "
+            "it a little, such as 0.05,0,1"
+        )
+    return [float(x) for x in vector]
 
 
 def video(

@@ -71,7 +71,7 @@ def curves(run: Run) -> dict[str, tuple[Array, Array]]:
 def stopped(run: Run) -> Array:
     """When the controller was in its safe stop: (s, 2) begin and end of each stretch [s].
 
-    Stretches that are too near to each other to be told apart are one.
+    Stretches that are too near each other to be drawn apart become one.
     """
     times = run.time[sorted(row for cycles in run.stops.values() for row in cycles)]
     apart = max(1.5 * run.period, run.time[-1] / BINS)

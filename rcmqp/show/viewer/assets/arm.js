@@ -31,7 +31,7 @@ export function makeArms(viewer, { arm, scene, runs }) {
     linear: new THREE.Vector3().fromArray(linear),
   }));
   return runs.map((run, k) => {
-    const links = [];
+    const links = /** @type {THREE.Object3D[]} */ ([]);
     let path = [`run${k}`];
     for (let i = 0; i < joints.length; i++) {
       path = [...path, `joint${i + 1}`];

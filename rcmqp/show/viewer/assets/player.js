@@ -161,6 +161,19 @@ const handle = {
   choose,
   theme,
   draw: () => stage.render(),
+  /** @param {number[] | null} from direction of length 1 to the outside camera @param {number} zoom */
+  look(from, zoom) {
+    Object.assign(stage, { from, zoom });
+    stage.frame();
+  },
+  /** Take away the ground behind the scene. */
+  clear() {
+    const style = document.createElement("style");
+    style.textContent = "html, body, #scene { background: transparent !important; }";
+    document.head.append(style);
+    stage.ground = 0;
+    stage.paint();
+  },
   /** @param {number} run @param {string} link */
   pose: (run, link) => stage.arms[run].matrix(link),
   /** Where the scene's pane shows a point: right of and below its corner [px]. @param {number[]} point [m] */

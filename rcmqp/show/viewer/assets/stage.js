@@ -64,6 +64,10 @@ export class Stage {
     new ResizeObserver(() => this.resize()).observe(pane);
     new ResizeObserver(() => this.resize()).observe(scopePane);
     this.time = this.draws = 0;
+    /** Where the outside camera was asked to stand, of length 1. @type {number[] | null} */
+    this.from = null;
+    this.zoom = 1;
+    this.ground = 1; // 0 lets through what is behind the scene
   }
 
   /** @param {HTMLElement} pane */
@@ -152,7 +156,8 @@ export class Stage {
     const side = this.hasLens && !this.close ? this.lensAt[2] + 14 : 0; // left free for the lens
     const above = Math.min(h / 2, query(document, "#caption").offsetHeight); // and for what is written
     this.camera.aspect = w / h; // the lens reads it
-    const direction = outside(scene.skeleton[0], scene.pivot, scene.axis);
+    const direction = this.from ?? outside(scene.skeleton[0], scene.pivot, scene.axis);
+    this.camera.zoom = this.zoom;
     const margin = this.close ? 1.3 : 1.06;
     const { position, target } = aim(points, direction, this.camera, margin, [(w - side) / w, (h - above) / h]);
     look(this.camera, position, target);
@@ -181,7 +186,7 @@ export class Stage {
 
   /** Take the colours of the page, as they are now. */
   paint() {
-    this.viewer.renderer.setClearColor(css("paper"), 1);
+    this.viewer.renderer.setClearColor(css("paper"), this.ground);
     for (const line of this.desired) line.uniforms.colour.value.set(css("desired"));
     this.floor.material.opacity = Number(css("shadow"));
     this.dirty = true;

@@ -1,0 +1,172 @@
+"""rcmqp new: files of one's own to begin with, which run as they stand."""
+
+from __future__ import annotations
+
+import keyword
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rcmqp.cli import console
+from rcmqp.errors import OptionError
+from rcmqp.files import check_writable, write_text
+
+LAW = '''"""A controller of one's own; run it with
+
+    rcmqp run conical_helix -c {name}.py
+    rcmqp compare -s conical_helix -c {name}.py -c dual_quaternion
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmqp.controllers import Command, Controller
+from rcmqp.references.view import Reference
+from rcmqp.tasks import RcmTask, RollTask, TipTask
+from rcmqp.world.arm import ArmState
+
+
+@dataclass(frozen=True, eq=False)
+class {title}(Controller):
+    """Trocar, tip and roll in one damped least-squares problem: no priorities, no limits.
+
+    Attributes:
+        gain: K, how fast an error decays [1/s].
+        damping: of the joints' speed; near a singularity it keeps v small.
+    """
+
+    enforces = ()  # no joint limits; tables say this, and the two below
+    feed_forward = True
+    holds_roll = True
+
+    gain: float = 60.0
+    damping: float = 1e-3
+
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        tasks = RcmTask(period=self.period), TipTask(self.insertion.tip_depth), RollTask()
+        found = [task.evaluate(state, reference) for task in tasks]
+        J = np.vstack([each.jacobian for each in found])
+        rate = np.concatenate([-self.gain * each.error - each.drift for each in found])
+        return Command(J.T @ np.linalg.solve(J @ J.T + self.damping**2 * np.eye(len(J)), rate))
+'''
+
+SCENARIO = '''"""A scenario of one's own; run it with
+
+    rcmqp run {name}.py
+    rcmqp compare -s {name}.py
+"""
+
+from __future__ import annotations
+
+from rcmqp import Scenario
+from rcmqp.references.paths import Lissajous
+
+
+def scenario(arm: str = "panda", *, flange: str | None = None) -> Scenario:
+    """A Lissajous figure from the arm's home, the tip 12 cm inside, at 1 kHz."""
+    path = Lissajous()
+    return Scenario.on_shaft("{name}", arm, path, flange=flange, depth=0.12, period=1e-3)
+
+
+if __name__ == "__main__":
+    from rcmqp.cli import run_file
+
+    run_file(__file__)
+'''
+
+ARM = """# An arm of one's own: what rcmqp knows of it beside its URDF, {name}.urdf. SI units, rad.
+#     rcmqp arms {name}.toml
+#     rcmqp run conical_helix --arm {name}.toml
+title = "{title}"
+urdf = "{name}.urdf"
+# home = [0.0, 0.5, 0.0, 1.2, 0.0, 1.4, 0.0]   # without it, one is searched
+
+# Limits of your arm's data sheet; a URDF seldom has these, and rcmqp assumes careful ones.
+# acceleration = [10.0, 10.0, 10.0, 10.0, 15.0, 15.0, 20.0]   # rad/s^2
+# jerk = 500.0                                                # rad/s^3
+
+[flange]
+frame = "flange"          # where the instrument is mounted; its z axis points outwards
+# xyz = [0.0, 0.0, 0.0]   # of the mount in that frame
+# rpy = [0.0, 0.0, 0.0]
+
+# [base]                  # where the URDF's base stands in the world
+# xyz = [0.0, 0.0, 0.8]
+
+# [sources]
+# acceleration = "data sheet, page 12"
+"""
+
+LENGTHS = (0.16, 0.18, 0.2, 0.2, 0.2, 0.19, 0.08)
+"""Of the template's links, from the base [m]."""
+
+
+class Kind(StrEnum):
+    """What there are templates of."""
+
+    law = "law"
+    scenario = "scenario"
+    arm = "arm"
+
+
+def new(
+    kind: Annotated[Kind, typer.Argument(help="law, scenario or arm.")],
+    name: Annotated[str, typer.Argument(help="Of the files to write, such as my_law.")],
+) -> None:
+    """Write a file of your own to begin with: a controller, a scenario, or an arm.
+
+    For example,
+
+      rcmqp new law my_law
+
+      rcmqp run conical_helix -c my_law.py
+
+      rcmqp new arm my_robot
+    """
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise OptionError(f"{name}: letters, digits and underscores, such as my_{kind.value}")
+    title = "".join(word.capitalize() for word in name.split("_"))
+    texts = {
+        Kind.law: {f"{name}.py": LAW},
+        Kind.scenario: {f"{name}.py": SCENARIO},
+        Kind.arm: {f"{name}.toml": ARM, f"{name}.urdf": _urdf()},
+    }[kind]
+    for file in texts:
+        if Path(file).exists():
+            raise OptionError(f"{file} is there already; give another name, or remove it first")
+        check_writable(file)
+    for file, text in texts.items():
+        write_text(file, text.replace("{name}", name).replace("{title}", title))
+        console.print_written(Path(file))
+
+
+def _urdf() -> str:
+    """A URDF of seven joints about z and y in turns, to be replaced by the arm's own."""
+    lines = ['<robot name="{name}">', '  <link name="base"/>']
+    for i, before in enumerate((0.0, *LENGTHS[:-1]), 1):
+        axis = "0 0 1" if i % 2 else "0 1 0"
+        lines += [
+            f'  <joint name="joint{i}" type="revolute">',
+            f'    <parent link="{f"link{i - 1}" if i > 1 else "base"}"/> <child link="link{i}"/>',
+            f'    <origin xyz="0 0 {before}"/> <axis xyz="{axis}"/>',
+            '    <limit lower="-2.6" upper="2.6" velocity="2.0" effort="100"/>',
+            "  </joint>",
+            f'  <link name="link{i}"/>',
+        ]
+    return "\n".join(
+        [
+            *lines,
+            '  <joint name="mount" type="fixed">',
+            f'    <parent link="link{len(LENGTHS)}"/> <child link="flange"/>',
+            f'    <origin xyz="0 0 {LENGTHS[-1]}"/>',
+            "  </joint>",
+            '  <link name="flange"/>',
+            "</robot>",
+            "",
+        ]
+    )

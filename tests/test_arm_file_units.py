@@ -1,0 +1,136 @@
+"""An arm's file like a registered arm with other joints, and one in degrees or millimetres."""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_arm_file import HOME, arm_file
+from test_urdf import urdf, write
+
+from rcmqp import load_arm
+from rcmqp.cli import main
+from rcmqp.errors import ArmError, ArmWarning, RcmqpError
+from rcmqp.experiments.compare import arm_and_flange
+from rcmqp.realtime.checks import LoopFault, check_speed
+from rcmqp.world.loading import arm_title
+
+RAIL = "[rail]\naxis = [0, 1, 0]\nlower = -0.2\nupper = 0.6\nvelocity = 0.3\n"
+
+
+EXAMPLES = re.findall(
+    r"```toml\n(like.*?)```",
+    (Path(__file__).parent.parent / "docs/own-arm.md").read_text(encoding="utf-8"),
+    re.DOTALL,
+)
+
+
+@pytest.mark.filterwarnings("error::rcmqp.errors.ArmWarning")
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_the_guides_examples_run_with_one_command(
+    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "my_robot.toml").write_text(text, encoding="utf-8")
+    words = ("run", "circle", "--arm", str(tmp_path / "my_robot.toml"), "--duration", "0.1")
+    with pytest.raises(SystemExit) as end:
+        main([*words, "--json"])
+    assert not end.value.code
+    assert json.loads(capsys.readouterr().out)["metrics"]["rcm_max_mm"] < 1e-3
+
+
+def like(folder: Path, text: str, arm: str = "panda") -> Path:
+    path = folder / "mine.toml"
+    path.write_text(f'like = "{arm}"\n{text}', encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("arm", ["panda", "lwa3", "ur5"])
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("rail", [False, True])
+def test_joints_that_are_left_keep_what_the_registered_arm_has(
+    tmp_path: Path, arm: str, held: bool, rail: bool
+) -> None:
+    own = load_arm(arm)
+    text = (f"[locked]\n{own.joints[2]} = {own.home[2]}\n" if held else "") + RAIL * rail
+    changed = load_arm(like(tmp_path, text, arm))
+    left = [i for i in range(own.nv) if not (held and i == 2)]
+    assert changed.joints == ("rail",) * rail + tuple(own.joints[i] for i in left)
+    for name in ("home", "lower", "upper", "velocity", "acceleration", "jerk"):
+        kept = getattr(changed, name)[int(rail) :]
+        assert np.array_equal(kept, getattr(own, name)[left]), name
+    if rail:
+        assert changed.home[0] == pytest.approx(0.2)
+
+
+def test_a_home_of_ones_own_has_to_fit_the_joints(tmp_path: Path) -> None:
+    with pytest.raises(RcmqpError, match="home has shape"):
+        load_arm(like(tmp_path, "home = [0, 0, 0, -2, 0, 1, 0]\n" + RAIL))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[flange]\nrpy = [0, 45, 0]", "degrees"),
+        ("[base]\nrpy = [180, 0, 0]", "degrees"),
+        ("[flange]\nxyz = [0, 0, 120]", "millimetres"),
+        ("[base]\nxyz = [0, 0, 900]", "millimetres"),
+    ],
+)
+def test_a_placement_in_another_unit_is_questioned(tmp_path: Path, text: str, said: str) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_arm(like(tmp_path, text))
+    table = text.partition("\n")[0]
+    assert any(f"{table} " in str(w.message) and said in str(w.message) for w in caught)
+
+
+def test_a_base_that_is_very_far_away_is_refused_by_the_name_of_its_file(tmp_path: Path) -> None:
+    with pytest.raises(ArmError, match=r"mine.toml: base.xyz = .* are these millimetres"):
+        load_arm(like(tmp_path, "[base]\nxyz = [0, 0, 2000]"))
+
+
+@pytest.mark.filterwarnings("error::rcmqp.errors.ArmWarning")
+def test_a_placement_in_metres_and_radians_is_not_questioned(tmp_path: Path) -> None:
+    load_arm(like(tmp_path, "[base]\nxyz = [0, 0, 2.5]\nrpy = [3.1416, 0, 0]\n"))
+    load_arm(like(tmp_path, "[flange]\nxyz = [0, 0.1, 0.2]\nrpy = [0, 0.785, 0]\n"))
+
+
+def test_a_home_in_degrees_is_questioned(tmp_path: Path) -> None:
+    degrees = np.degrees(HOME).round(3).tolist()
+    with pytest.raises(ArmError, match=r"are these degrees\? Home is in radians"):
+        load_arm(arm_file(tmp_path, f"home = {degrees}"))
+    endless = write(tmp_path, urdf().replace("revolute", "continuous"))
+    with pytest.warns(ArmWarning, match="are these degrees"):
+        load_arm(endless, "l7", home=degrees)
+
+
+def test_a_home_in_millimetres_is_questioned(tmp_path: Path) -> None:
+    own = load_arm("panda")
+    with pytest.raises(ArmError, match=r"are these millimetres\? Home is in metres"):
+        load_arm(
+            like(
+                tmp_path,
+                f"home = [150, {', '.join(map(str, own.home))}]\n"
+                f"acceleration = 8.0\njerk = 400.0\n{RAIL}",
+            )
+        )
+
+
+def test_a_speed_of_a_rail_is_in_metres(tmp_path: Path) -> None:
+    arm = load_arm(like(tmp_path, RAIL))
+    with pytest.raises(LoopFault, match=r"rail moves at 1 m/s, allowed 0.3 m/s; stop"):
+        check_speed(np.eye(8)[0], arm, "moves", "stop")
+
+
+@pytest.mark.parametrize("ending", [".urdf", ".urdf.gz", ".xacro", ".xml"])
+def test_a_flange_goes_behind_any_urdf(ending: str) -> None:
+    assert arm_and_flange(f"a/mine{ending}:tool0") == (f"a/mine{ending}", "tool0")
+
+
+def test_a_file_has_its_own_title(tmp_path: Path) -> None:
+    assert arm_title(str(arm_file(tmp_path, 'title = "Mine"'))) == "Mine"
+    assert arm_title(str(tmp_path / "gone.toml")) == "gone"

@@ -1,0 +1,136 @@
+"""Controllers, scenarios and arms in files of one's own, and the templates of these."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rcmqp import Run, compute_metrics
+from rcmqp.cli import main
+from rcmqp.controllers import CONTROLLERS, own_file
+from rcmqp.errors import OptionError, UnknownName
+
+TWO = """
+from dataclasses import dataclass
+from rcmqp.controllers import Command, Controller
+import numpy as np
+
+@dataclass(frozen=True, eq=False)
+class Still(Controller):
+    gain: float = 1.0
+    def _step(self, state, reference):
+        return Command(np.zeros(state.angles.size))
+
+@dataclass(frozen=True, eq=False)
+class Stiller(Still):
+    pass
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A folder of its own, and the controllers as they were."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rcmqp.experiments.compare._draw", lambda *_: None)
+    before = set(CONTROLLERS)
+    yield
+    for name in set(CONTROLLERS) - before:
+        del CONTROLLERS[name]
+
+
+def call(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    return int(ended.value.code or 0)
+
+
+def test_a_template_of_a_law_runs_as_it_stands_wherever_a_name_stands(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert call("new", "law", "swift_law") == 0
+    run = ["run", "conical_helix", "-c", "swift_law.py", "--set", "gain=30", "--duration", "0.3"]
+    assert call(*run, "--out", "run.h5") == 0
+    found = Run.load("run.h5")
+    assert (found.controller, found.options["gain"]) == ("swift_law", 30.0)
+    assert compute_metrics(found).rcm_max_mm < 0.01
+    assert (found.given.feed_forward, found.given.limits, found.given.roll) == (True, (), True)
+    capsys.readouterr()
+    laws = ["-c", "swift_law.py:SwiftLaw:gain=20", "-c", "damped", "--jobs", "2"]
+    assert call("compare", "-s", "circle", *laws, "--duration", "0.1", "--json", "-o", "c") == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["controller"] for row in rows] == ["swift_law", "damped"]
+    assert rows[0]["gain"] == "20"
+
+
+def test_a_law_of_ones_own_is_one_of_a_study(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("new", "law", "study_law") == 0
+    study = ["study", "camera_task", "-c", "study_law.py", "--operators", "2", "--jobs", "2"]
+    assert call(*study, "--out", "s", "--json") == 0
+    assert "study_law" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("kind", "command"),
+    [
+        ("scenario", ["run", "mine.py", "--duration", "0.1"]),
+        ("arm", ["run", "conical_helix", "--arm", "mine.toml", "--duration", "0.1"]),
+        ("arm", ["arms", "mine.toml"]),
+    ],
+)
+def test_templates_run_as_they_stand(kind: str, command: list[str]) -> None:
+    assert call("new", kind, "mine") == 0
+    assert call(*command) == 0
+
+
+def test_new_writes_over_nothing_and_wants_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine.urdf").write_text("mine")
+    assert call("new", "arm", "mine") == 1
+    assert "mine.urdf is there already" in capsys.readouterr().err
+    assert not Path("mine.toml").exists()
+    assert Path("mine.urdf").read_text() == "mine"
+    for name in ("3x", "../x", "class", "a b", ""):
+        assert call("new", "law", name) == 1
+        assert "letters, digits and underscores" in capsys.readouterr().err
+
+
+def test_a_file_of_several_laws_wants_one_named() -> None:
+    Path("two.py").write_text(TWO)
+    with pytest.raises(OptionError, match=r"several: Still, Stiller; say which, two.py:Still"):
+        own_file.known("two.py")
+    assert own_file.known("two.py:Stiller:gain=2") == "stiller:gain=2"
+    assert own_file.known("two.py:Still") == "still"
+    assert own_file.known("two.py:Still") == "still"  # and the class is the same
+    with pytest.raises(UnknownName, match=r"controller in two\.py"):
+        own_file.known("two.py:Stil")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = 1", "one controller, and has none: write a dataclass"),
+        ("import nosuch_module", "bad.py cannot be run: ModuleNotFoundError"),
+        ("raise ValueError('no')", "bad.py cannot be run: ValueError: no"),
+        (
+            TWO.split("@dataclass(frozen=True, eq=False)\nclass Stiller")[0].replace(
+                "Still", "Damped"
+            ),
+            "named 'damped'",
+        ),
+        (None, "bad.py: no such file"),
+    ],
+)
+def test_a_file_without_a_law_is_said_in_words(
+    text: str | None, said: str, tmp_path: Path
+) -> None:
+    if text is not None:
+        Path("bad.py").write_text(text.replace("Still", "Damped"))
+    with pytest.raises(OptionError, match=said):
+        own_file.known("bad.py")
+
+
+def test_other_settings_are_left_as_they_are() -> None:
+    for setting in ("damped", "damped:gain=3", "my-law", "x.pyc"):
+        assert own_file.known(setting) == setting
