@@ -99,7 +99,7 @@ def cases(
 
 
 def arm_and_flange(arm: str | None, flange: str | None = None) -> tuple[str | None, str | None]:
-    """An arm out of NAME, FILE or FILE:FLANGE, where FILE is a URDF's, and its flange.
+    """An arm and its flange out of NAME, FILE, or a URDF's FILE with a colon and FLANGE behind it.
 
     Args:
         arm: the text; None for the scenario's own arm, which has no flange of a URDF.
