@@ -48,10 +48,12 @@ def test_a_recording_is_read_in_metres_from_its_first_sample_on() -> None:
 
 def test_columns_come_in_any_order_and_the_clutch_counts(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
-    file.write_text("z, Y ,x,note,time,engaged\n3,2,1,a,7,1\n6,5,4,b,9,0\n", encoding="utf-8")
+    file.write_text(
+        "z, Y ,x,note,time,engaged\n0.3,0.2,0.1,a,7,1\n0.6,0.5,0.4,b,9,0\n", encoding="utf-8"
+    )
     trace = HandTrace.read_csv(file)
     assert trace.times == (0.0, 2.0)
-    assert trace.positions == ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    assert trace.positions == ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
     assert trace.engaged == (True, False)
 
 
@@ -59,12 +61,12 @@ def test_columns_come_in_any_order_and_the_clutch_counts(tmp_path: Path) -> None
     ("text", "message"),
     [
         (None, "cannot be read"),
-        ("", "has no t, x, y, z"),
-        ("t,x,y\n0,1,2\n1,2,3\n", "has no z"),
-        ("t,x,y,z\n0,1,2,3\n1,a,2,3\n", "not numbers"),
-        ("t,x,y,z\n0,1,2,3\n1,2\n", "not numbers"),
-        ("t,x,y,z\n0,1,2,3\n0,1,2,3\n", "times must be finite"),
-        ("t,x,y,z\n0,1,2,nan\n1,1,2,3\n", r"positions\[0\]"),
+        ("", "has 0 samples"),
+        ("t,x,y\n0,1,2\n1,2,3\n", "has no column z"),
+        ("t,x,y,z\n0,1,2,3\n1,a,2,3\n", "sample 2, .* is not 4 numbers"),
+        ("t,x,y,z\n0,1,2,3\n1,2\n", "is not 4 numbers"),
+        ("t,x,y,z\n0,1,2,3\n0,1,2,3\n", "sample 2 is at 0 s"),
+        ("t,x,y,z\n0,1,2,nan\n1,1,2,3\n", "sample 1 has a number that is not finite"),
     ],
 )
 def test_a_file_that_is_no_recording_is_refused(

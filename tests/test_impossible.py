@@ -101,7 +101,9 @@ def test_a_reference_that_is_no_pose_is_answered_by_braking(name: str, part: sli
     answer = make_controller(name, insertion, T).step(
         insertion.state(insertion.q_start), dataclasses.replace(reference, x_d=x_d)
     )
-    assert answer.stop == "x_d of the reference is no pose to 1e-06: give it to normalized()"
+    assert answer.stop == (
+        "x_d of the reference is not a unit dual quaternion to 1e-06: give it to normalized()"
+    )
 
 
 @every_controller

@@ -226,7 +226,7 @@ async def say(page: Any, **message: Any) -> None:
     await page.send(json.dumps(message))
 
 
-def test_the_page_is_for_whoever_has_the_token() -> None:
+def test_the_page_needs_the_token() -> None:
     async def act(served: Served) -> None:
         status, text = await served.page(f"?token={TOKEN}")
         assert status == 200

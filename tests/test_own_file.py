@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from rcmqp import Run, compute_metrics
+from rcmqp import Run, compute_metrics, load_scenario
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, own_file
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.references.paths import Circle
 
 TWO = """
 from dataclasses import dataclass
@@ -134,3 +136,31 @@ def test_a_file_without_a_law_is_said_in_words(
 def test_other_settings_are_left_as_they_are() -> None:
     for setting in ("damped", "damped:gain=3", "my-law", "x.pyc"):
         assert own_file.known(setting) == setting
+
+
+def test_a_scenarios_file_may_have_a_class_and_is_run_once_until_it_changes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Dataclasses look their annotations up in the module, which has to be known by then."""
+    text = """
+from __future__ import annotations
+import dataclasses
+from typing import ClassVar
+from rcmqp import Scenario
+from rcmqp.references.paths import Circle
+print("run")
+
+@dataclasses.dataclass(frozen=True)
+class Size:
+    most: ClassVar[float] = 0.02
+
+def scenario(arm: str = "panda", *, flange: str | None = None) -> Scenario:
+    return Scenario.on_shaft("own", arm, Circle(radius=Size.most), flange=flange)
+"""
+    Path("own.py").write_text(text)
+    assert load_scenario("own.py", duration=0.1).path == Circle(radius=0.02)
+    load_scenario("own.py")
+    assert capsys.readouterr().out == "run\n"
+    Path("own.py").write_text(text.replace("0.02", "0.03"))
+    os.utime("own.py", ns=(1, 1))
+    assert load_scenario("own.py").path == Circle(radius=0.03)

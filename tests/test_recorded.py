@@ -13,7 +13,8 @@ from rcmqp.cli import main
 from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.paths import TipTrace
-from rcmqp.runs.recorded import Recorded, along, moved
+from rcmqp.references.recorded import Recorded
+from rcmqp.runs.recorded import along, moved
 
 TIMES = np.linspace(0.0, 2.0, 41)
 WAY = 0.01 * np.column_stack([np.sin(1.5 * TIMES) ** 2, 1.0 - np.cos(2.0 * TIMES), 0.3 * TIMES])
@@ -114,8 +115,8 @@ def test_files_that_are_no_recordings_are_refused(tmp_path: Path) -> None:
     for text, said in (
         (b"t,x,y,z\n0,0,0,0\n", "has 1 samples below its head"),
         (b"", "has 0 samples"),
-        (b"t,x,y,z\n0,0,0,0\n1,a,0,0\n", "sample 2, '1, a, 0, 0', is not four numbers"),
-        (b"t,x,y,z\n0,0,0,0\n1,0\n", "is not four numbers"),
+        (b"t,x,y,z\n0,0,0,0\n1,a,0,0\n", "sample 2, '1, a, 0, 0', is not 4 numbers"),
+        (b"t,x,y,z\n0,0,0,0\n1,0\n", "is not 4 numbers"),
         (b"\xff\xfe\x00", "cannot be read"),
     ):
         file.write_bytes(text)

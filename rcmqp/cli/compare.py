@@ -86,7 +86,7 @@ def compare(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Run scenarios x arms x controllers and put what came of it in one table.
+    """Run scenarios x arms x controllers and put the results in one table.
 
     For example,
 

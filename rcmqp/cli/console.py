@@ -117,7 +117,7 @@ def print_tables(tables: Iterable[Table]) -> None:
 
 
 def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
-    """What came of a run; what it should not have done, on stderr."""
+    """Print a run's results, and on stderr the limits that it broke."""
     metrics = compute_metrics(result)
     if as_json:
         print_json(run_json(result, metrics))

@@ -71,7 +71,7 @@ def live(
     if host != LOCAL:
         err.print(
             f"[bold yellow]warning:[/] {escape(host)} can be reached from other machines, and "
-            "nothing is encrypted: whoever sees the address can steer",
+            "nothing is encrypted: anybody who sees the address can steer",
             soft_wrap=True,
             highlight=False,
         )

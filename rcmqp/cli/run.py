@@ -29,12 +29,13 @@ from rcmqp.cli.options import (
     scenario_changes,
 )
 from rcmqp.controllers import make_controller, own_file
-from rcmqp.controllers.settings import options_of
+from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
+from rcmqp.references.recorded import Recorded
 from rcmqp.runs.head import check_replaceable
 from rcmqp.runs.loading import load_scenario
-from rcmqp.runs.recorded import Recorded, along, moved
+from rcmqp.runs.recorded import along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate
@@ -107,7 +108,7 @@ def run(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a scenario and print what came of it.
+    """Run a scenario and print its results.
 
     For example,
 
@@ -129,9 +130,7 @@ def run(
     """
     if arm == "":
         raise UnknownName("arm", arm, arm_names())
-    controller, _, options_there = own_file.known(controller).partition(":")
-    given_there = options_there.split(",") if options_there else []
-    options = options_of(controller, [*given_there, *(settings or [])])
+    controller, options = controller_of(own_file.known(controller), settings or [])
     if gain is not None:
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")

@@ -49,7 +49,7 @@ class Aghakhani(Controller):
     lambda is a state. It starts where the trocar projects on the shaft at the first step after
     reset(), lambda = (p_trocar - p_i)^T (p_i+1 - p_i) / |p_i+1 - p_i|^2, and is then integrated
     with the period T: a step depends on this state as others depend on a solver's warm start,
-    and whoever skips cycles should call reset().
+    and a loop that skips cycles should call reset().
 
     Read: the paper's abstract and introduction; RViMLab/rcm, a code of others after its equations
     1, 3, 6 and 7. That code has K_t = 1, K_rcm = 100, 10 ms, an inverse damped with 0.01, and

@@ -40,9 +40,8 @@ class Command:
     Attributes:
         v: (nv,) joint velocity [rad/s], finite.
         diagnostics: numbers that the run records, the same names each cycle.
-        account: what the controller's solver says of the step, for whoever asks; None where
-            there is none.
-        stop: why this is the safe stop, in words; empty where it is not.
+        account: what the controller's solver says of the step; None if the solver says nothing.
+        stop: why this is the safe stop, in words; empty if it is not the safe stop.
         error: what the law raised, where that is why.
     """
 

@@ -79,8 +79,7 @@ def _numbers(values: ArrayLike) -> Array:
 def fault(state: ArmState, reference: Reference) -> str:
     """What keeps a controller from following, in words; empty if nothing does.
 
-    A rate that the law does not use counts, too: whoever sends one that is no number is not
-    to be relied on.
+    A rate that the law does not use counts too: a sender of NaN is not to be relied on.
     """
     if not all_finite(state.q):
         return "the joint reading q is not finite"
@@ -95,7 +94,10 @@ def fault(state: ArmState, reference: Reference) -> str:
         if not all_finite(values):
             return f"{name} of the reference is not finite"
     if not dq.is_unit(reference.x_d, UNIT_TOLERANCE):
-        return f"x_d of the reference is no pose to {UNIT_TOLERANCE:g}: give it to normalized()"
+        return (
+            "x_d of the reference is not a unit dual quaternion to "
+            f"{UNIT_TOLERANCE:g}: give it to normalized()"
+        )
     return ""
 
 

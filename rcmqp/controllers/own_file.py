@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 import re
-import sys
-from pathlib import Path
 from types import ModuleType
 
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, UnknownName
+from rcmqp.world.own_module import module_of_file
 
 SETTING = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_]\w*))?(?P<options>:.*=.*)?")
 """FILE.py, FILE.py:CLASS, and either with :OPTION=VALUE,... behind it."""
@@ -33,7 +31,7 @@ def known(setting: str) -> str:
     found = SETTING.fullmatch(setting)
     if found is None:
         return setting
-    module = _module(Path(found["file"]))
+    module = module_of_file(found["file"])
     kind = _controller(module, found["file"], found["name"])
     if CONTROLLERS.get(kind.name, kind) is not kind:
         raise OptionError(
@@ -42,30 +40,6 @@ def known(setting: str) -> str:
         )
     CONTROLLERS[kind.name] = kind
     return f"{kind.name}{found['options'] or ''}"
-
-
-def _module(file: Path) -> ModuleType:
-    """The module of a file, run once in a process; workers get its classes with their work."""
-    name = f"rcmqp_own_{file.resolve().stem}"
-    before = sys.modules.get(name)
-    if before is not None and before.__file__ == str(file.resolve()):
-        return before
-    spec = importlib.util.spec_from_file_location(name, file.resolve())
-    if not file.is_file() or spec is None or spec.loader is None:
-        raise OptionError(
-            f"{file}: no such file; give a controller's name, or a file that has one"
-        )
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look there for the names in annotations
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        del sys.modules[name]
-        raise OptionError(f"{file} cannot be run: {type(error).__name__}: {error}") from error
-    import cloudpickle  # with which joblib sends the module's classes to its processes
-
-    cloudpickle.register_pickle_by_value(module)
-    return module
 
 
 def _controller(module: ModuleType, file: str, name: str | None) -> type[Controller]:

@@ -13,8 +13,12 @@ SWITCHES = {"feed_forward": "true", "velocity_limit": "scale", "velocity_limits"
 """Options that decide what a law is given, and the value that gives it; all are off by default."""
 
 
-def controller_of(setting: str) -> tuple[str, dict[str, Any]]:
+def controller_of(setting: str, more: Sequence[str] = ()) -> tuple[str, dict[str, Any]]:
     """Name and options of a controller out of its setting; hyphens in a name are underscores.
+
+    Args:
+        setting: NAME, or NAME:OPTION=VALUE,OPTION=VALUE.
+        more: further OPTION=VALUE texts.
 
     Raises:
         UnknownName: the controller is not known, or does not have the option.
@@ -22,7 +26,7 @@ def controller_of(setting: str) -> tuple[str, dict[str, Any]]:
     """
     name, _, options = setting.partition(":")
     name = name.replace("-", "_")
-    return name, options_of(name, options.split(",") if options else [])
+    return name, options_of(name, [*(options.split(",") if options else []), *more])
 
 
 def every_setting(fixed: Sequence[str] = ()) -> list[str]:

@@ -209,8 +209,8 @@ static void block_dealloc(BlockObject *self)
 
 int is_block(PyObject *object) { return Py_IS_TYPE(object, block_type); }
 
-/* A cycle out of its arguments, as compiled code reads them; 0 with a Python error. The last is a
- * pair, pose and Jacobian of a tool with a wrist, or anything else where there is none. */
+/* A cycle out of its arguments, as compiled code reads them; 0 with a Python error. The last is
+ * the pair of pose and Jacobian of a tool with a wrist, or any other object without a wrist. */
 int read_cycle(PyObject *const *args, Cycle *cycle)
 {
     const npy_intp n = size_of(args[2]);

@@ -42,8 +42,8 @@ static int is_pose(const double *x)
 /* One part of the way, equations (9) to (11); see Planner.step().
  *
  * Moves place on, writes the reference on the way, x_d (8) and x_d_dot (8), and returns 1; or 0
- * where what is wanted is to be followed as it is: it is near; or it is no pose, and place stays
- * what it was. */
+ * where what is wanted is to be followed as it is: it is near; or it is not a pose, and place
+ * stays what it was. */
 int go_on(const Plan *plan, Place *place, const Wanted *wanted, double *x_d, double *x_d_dot)
 {
     double offset[3], log[3], target[8], r_l[8] = {0.0}, r_d[4], r_t[4];

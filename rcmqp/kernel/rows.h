@@ -93,7 +93,8 @@ double objective_value(const Block *block, const double *J, const double *angles
                        double *gradient, Arena *arena);
 
 /* Of the cycle's geometry: R a and R^T a of a rotation (3, 3); a point of the world seen from the
- * effector; column j of a Jacobian (6, n), of the cycle's if none is named: linear and angular part. */
+ * effector; linear and angular part of column j of a Jacobian (6, n); column() takes
+ * the cycle's Jacobian. */
 static inline void turned(const double *R, const double *a, double *out)
 {
     for (int i = 0; i < 3; ++i, R += 3) out[i] = R[0] * a[0] + R[1] * a[1] + R[2] * a[2];

@@ -1,4 +1,4 @@
-/* Levels of tasks below limits: the rows of each are made here, or given by whoever evaluated it.
+/* Levels of tasks below limits. The rows of each are made here, or given by Python code.
  *
  * Tasks come level by level. A task asks for jacobian v = rate - drift, with the rate of its error
  * that approach.h allows; what shares a level is multiplied by the root of its weight.

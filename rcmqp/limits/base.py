@@ -189,8 +189,8 @@ class Damper(Limit):
         s(k+1) >= (1 - gain T) s(k) - rho,   rho <= (T^2 / 2) max |d^2 s / dt^2| in the cycle,
 
     so with gain T <= 1 a limit that holds at the start is kept to rho / (gain T): exactly for
-    an s that changes evenly during a cycle, to second order in T for others. Whoever knows T
-    checks gain T.
+    an s that changes evenly during a cycle, to second order in T for others. The controller,
+    which knows T, checks gain T.
 
     To slow down as gain s does takes gain^2 s, which joints with acceleration limits may not
     have. The rows are hard, but not magic: the solver then violates them as little as it can,

@@ -53,10 +53,10 @@ class JointLimits(CompiledLimit):
       Where a joint slows down so hard that it turns back before its acceleration is zero, the
       limit holds for the point where it turns.
 
-    The way of a stop of which one cycle is over is the rest of that stop. So whoever obeyed the
-    box can stop, and, as speed and position count on the same e, that stop obeys every limit:
-    the box is never empty and no limit is ever exceeded, whatever is chosen inside the box. The
-    box is continuous in angle, v' and a'. The profile is that of online trajectory
+    After one cycle of a stop, the way that is left is the rest of that stop. So a joint that
+    obeyed the box can stop, and, as speed and position count on the same e, that stop obeys every
+    limit: the box is never empty and no limit is ever exceeded, whatever is chosen inside the
+    box. The box is continuous in angle, v' and a'. The profile is that of online trajectory
     generation in continuous time (Kröger and Wahl, IEEE T-RO 2010; Berscheid and Kröger, RSS
     2021); in cycles it is ours.
 

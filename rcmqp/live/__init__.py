@@ -1,1 +1,1 @@
-"""A live console: whoever has a browser steers an arm through a trocar. It needs rcmqp[live]."""
+"""A live console: steer an arm through a trocar from a browser. It needs rcmqp[live]."""

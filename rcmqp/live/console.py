@@ -25,7 +25,7 @@ from rcmqp.runs.scenario import Scenario
 from rcmqp.show.table import Table
 
 BUFFER = 1 << 16
-"""Bytes that may wait on the way to the loop; old ones are no use."""
+"""Largest number of bytes that wait on the way to the loop; older messages are out of date."""
 
 
 class LoopEnded(RcmqpError):
@@ -34,11 +34,11 @@ class LoopEnded(RcmqpError):
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What came of a session.
+    """The result of a session.
 
     Attributes:
         text: tables in Markdown: the loop, its latencies, what the server dropped.
-        fault: why the loop stopped by itself; empty where it did not.
+        fault: why the loop stopped by itself; empty if it did not.
     """
 
     text: str

@@ -1,4 +1,4 @@
-"""What a page says of a hand, and how the server passes it on to the loop."""
+"""Messages about the hand: from the page to the server, and from the server to the loop."""
 
 from __future__ import annotations
 

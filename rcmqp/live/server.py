@@ -114,7 +114,7 @@ class Console:
                 latest.put(text)
 
     async def _show(self, request: Request) -> Response:
-        """The page, to whoever has the token."""
+        """Return the page if the request has the token."""
         if not self._is_ours(request.headers):
             self.desk.counts.foreign += 1
             return PlainTextResponse("this name is not the console's\n", 403)

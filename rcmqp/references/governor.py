@@ -194,5 +194,5 @@ def check_may_wait(path: Path | Steered) -> None:
     if isinstance(path, Steered):
         raise OptionError(
             f"a governor cannot slow a {type(path).__name__}: its views come from a hand that "
-            "moves in real time; leave the governor out, whoever steers sees the camera and waits"
+            "moves in real time; leave the governor out: a person sees the camera and waits"
         )

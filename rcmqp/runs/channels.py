@@ -64,11 +64,9 @@ class Channels:
     upper: Array = _channel("rad", "nv", "upper position limits; inf for continuous joints", "arm")
     velocity_limit: Array = _channel("rad/s", "nv", "joint speed limits", "arm")
     acceleration_limit: Array = _channel(
-        "rad/s^2", "nv", "joint acceleration limits; inf where there is none", "arm"
+        "rad/s^2", "nv", "joint acceleration limits; inf for no limit", "arm"
     )
-    jerk_limit: Array = _channel(
-        "rad/s^3", "nv", "joint jerk limits; inf where there is none", "arm"
-    )
+    jerk_limit: Array = _channel("rad/s^3", "nv", "joint jerk limits; inf for no limit", "arm")
     time: Array = _channel("s", "n", "sampling instants", "clock", "rising")
     q: Array = _channel("rad", "n nq", "Pinocchio's configuration", "cycle", "numbers")
     q_measured: Array = _channel(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import importlib.util
 import inspect
 import pkgutil
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import arm_names
+from rcmqp.world.own_module import module_of_file
 from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.port import Port
 
@@ -134,7 +134,7 @@ def scenario_module(name: str) -> ModuleType:
         PluginError: the plug-in that has the scenario cannot be used.
     """
     if name.endswith(".py"):
-        return _checked(name, _module_of_file(name))
+        return _checked(name, module_of_file(name))
     name = name.replace("-", "_")
     if name in _own_names():
         return importlib.import_module(f"rcmqp.scenarios.{name}")
@@ -142,20 +142,6 @@ def scenario_module(name: str) -> ModuleType:
         raise UnknownName("scenario", name, scenario_names())
     module: ModuleType = load(GROUP, name)
     return _checked(f"{name} of {distribution(GROUP, name)}", module)
-
-
-def _module_of_file(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(Path(name).stem, name)
-    if not Path(name).is_file() or spec is None or spec.loader is None:
-        raise OptionError(
-            f"{name}: no such file; give a scenario's file or one of {scenario_names()}"
-        )
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
-    return module
 
 
 def _checked(name: str, module: ModuleType) -> ModuleType:

@@ -47,7 +47,7 @@ class Row(NamedTuple):
     Attributes:
         time: when it was due, from the start of the loop [s]; NaN says that the loop has ended.
         solve_time: of the controller [s]; NaN in the loop's safe stop.
-        diagnostics: by the names that both ends know; NaN where there is none.
+        diagnostics: by the names that both ends know; NaN if the step gave none.
         q, v_measured: (nq,), (nv,) as read; NaN where nothing could be read.
         x_d: (8,) the pose asked for.
         pivot: (3,) the trocar [m].

@@ -17,7 +17,7 @@ class Measure:
         name: its field in Metrics, Row, Outcome or HandMeasures; it ends in the unit.
         head: a short title, for a column.
         label: a longer title, for a row or a sentence.
-        unit: empty where there is none.
+        unit: empty for a number without a unit.
         meaning: one or two sentences.
         how: which number over the time of a run: rms, max or least; empty where the label says it.
         style: format of a number where several measures stand beside each other.

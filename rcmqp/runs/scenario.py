@@ -359,7 +359,7 @@ class Scenario:
     def _steered(
         self, path: Steered, insertion: Insertion, planner: Planner | None
     ) -> Generator[Reference, ArmState | None]:
-        """The references of a path that is steered by what came of the last one."""
+        """The references of a path that is steered by the state reached last."""
         ask, x = path.start(insertion, self.period, self.seed).command, insertion.x_rcm
         state: ArmState | None = None
         for cycles in blocks(self.cycles):

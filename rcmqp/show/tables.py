@@ -19,7 +19,7 @@ from rcmqp.show.table import Table, definitions
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a case.
+    """The result of a case.
 
     rcmqp.runs.vocabulary says what each number means. ``setting`` is the controller's as Case has
     it, empty if it is not known; ``limits_kept`` is None of a case that was not run; ``file`` is
@@ -144,7 +144,7 @@ METRICS_ROWS = (
     "swing_ratio_end",
     "solve_time_median_us",
 )
-"""What a page says of each run, below what its controller was given."""
+"""Measures that a page shows for each run, below what its controller was given."""
 
 
 def row_of(run: Run) -> Row:

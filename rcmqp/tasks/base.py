@@ -112,7 +112,7 @@ class Task(abc.ABC):
         unit: of the error, ``"m"`` or ``"rad"``; empty for another or none.
         gain: how fast the error goes [1/s]: as exp(-gain t). With a sampling period T the
             error shrinks by 1 - gain T in a cycle, so gain T above 1 overshoots and above 2
-            diverges: whoever knows T checks that.
+            diverges: the controller, which knows T, checks that.
         weight: of its squared residual against those of the tasks it shares a level with; it
             means nothing on a level of its own.
         damping: what a joint speed of 1 rad/s must gain to be worth it [unit of the error]; 0
@@ -253,7 +253,7 @@ class Together:
 def filled_in(
     cls: type, insertion: Insertion, options: Mapping[str, Any], **more: Any
 ) -> dict[str, Any]:
-    """Options of a dataclass, with what an insertion, and whoever asks, knows by name.
+    """Options of a dataclass: those given, and those that the insertion or ``more`` has by name.
 
     Raises:
         OptionError: an option without a default is still missing.

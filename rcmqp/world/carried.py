@@ -39,7 +39,7 @@ class CarriedArm:
         urdf: the URDF that the model was made of. Meshes keep the names of their files; of those
             in a folder of one machine, only the file's own name is left.
         recipe: what built() was given besides.
-        beside: folder in which the arm's own file is looked for; None where there is none.
+        beside: folder in which the arm's own file is looked for; None for a registered arm.
     """
 
     name: str

@@ -160,7 +160,7 @@ class Limited:
         return np.asarray(np.minimum(angles - self.lower, self.upper - angles))
 
     def random_angles(self, rng: np.random.Generator) -> Array:
-        """Joint angles (nv,) drawn evenly between the limits; within +-pi where there is none.
+        """Joint angles (nv,) drawn evenly between the limits, or within +-pi without limits.
 
         Of limits that are far away, only the part within MOST_TURN or MOST_STROKE of zero, or of
         the limit nearest to it, is drawn from.

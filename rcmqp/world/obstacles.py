@@ -32,7 +32,7 @@ def clearance(
 ) -> Array:
     """How far (...) the instrument, from mount to tip, is from the nearest obstacle [m].
 
-    From surface to surface; negative inside an obstacle, inf where there is none.
+    From surface to surface; negative inside an obstacle, inf without obstacles.
 
     Args:
         obstacles: any number.

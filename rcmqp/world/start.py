@@ -37,7 +37,7 @@ _Found = tuple[float, Array, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """A start, what it is like, and what came of the other searches.
+    """A start, how easy it is, and the result of the other searches.
 
     Attributes:
         angles: (nv,) joint angles [rad].
@@ -137,7 +137,7 @@ def search_start(
 
 
 class Search:
-    """Searches for starts of one arm, and what came of them."""
+    """Searches for starts of one arm, and their results."""
 
     def __init__(
         self, arm: Arm, instrument: Instrument, margins: Array, singular_value: float

@@ -66,7 +66,7 @@ def with_wrist(arm: Arm, instrument: Instrument) -> Arm:
 
 
 def _set_limits(model: pin.Model, arm: Arm) -> None:
-    """Put the arm's limits of position and speed, whoever set them, into the model."""
+    """Copy the arm's limits of position and speed, given by hand or not, into the model."""
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     for i, joint in enumerate(model.joints[1:]):
         if joint.nq == 1:

@@ -34,7 +34,7 @@ CENTRE = 1e-9
 @functools.singledispatch
 def constraint(limit: Limit, state: ArmState, reference: Reference) -> Constraint:
     """What the limit's evaluate() is to give."""
-    raise NotImplementedError(type(limit).__name__)
+    raise TypeError(f"no oracle for {type(limit).__name__}; register one here")
 
 
 def pace(limit: Damper, s: float) -> float:

@@ -20,7 +20,7 @@ from rcmqp.world.arm import ArmState, kinematic_hessian
 @functools.singledispatch
 def value(objective: Objective, state: ArmState) -> tuple[float, Array]:
     """What the objective's evaluate() is to give."""
-    raise NotImplementedError(type(objective).__name__)
+    raise TypeError(f"no oracle for {type(objective).__name__}; register one here")
 
 
 @value.register

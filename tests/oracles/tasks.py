@@ -35,7 +35,7 @@ OPPOSITE = 1e-12
 @functools.singledispatch
 def residual(task: Task, state: ArmState, reference: Reference) -> Residual:
     """What the task's evaluate() is to give."""
-    raise NotImplementedError(type(task).__name__)
+    raise TypeError(f"no oracle for {type(task).__name__}; register one here")
 
 
 @residual.register

@@ -19,7 +19,7 @@ def identity(controller: Controller, scenario: Scenario) -> str:
 
     Of controller, path, motion and plant that are not rcmqp's the code is known by the files that
     hold their classes, and a plug-in's by the version of its distribution too; rcmqp itself is
-    known by its version. Whoever edits another file that they import has to give the study another
+    known by its version. After a change of another file that they import, give the study another
     folder. A class that is in no file, such as one of a notebook, is never the same.
     """
     sha = hashlib.sha256(controller.insertion.arm.sha256.encode())
@@ -31,7 +31,7 @@ def identity(controller: Controller, scenario: Scenario) -> str:
 
 
 def _file_of(kind: type) -> bytes:
-    """The file that holds a class; something new each time where there is none."""
+    """The content of the file that holds a class; new random bytes if it is in no file."""
     try:
         return Path(inspect.getfile(kind)).read_bytes()
     except (OSError, TypeError):

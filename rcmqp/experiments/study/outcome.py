@@ -1,4 +1,4 @@
-"""What came of a trial: the numbers of Table I and some more, and thinned-out traces."""
+"""The result of a trial: the numbers of Table I and some more, and thinned-out traces."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Outcome:
 
     The vocabulary says what each number means, see TRIALS there. ``feed_forward``,
     ``roll``, ``limits_enforced``, ``gain`` and ``assumed`` are as given_cells() has them.
-    ``failure`` says why there is no run, and is empty where there is one.
+    ``failure`` says why a trial has no run; it is empty if there is a run.
     """
 
     operator: int

@@ -65,8 +65,8 @@ def perform(
 ) -> Performed:
     """Run every trial that is not in the folder yet, and read all of them.
 
-    Whoever runs a trial writes its file, at once or not at all: a study that is killed goes on
-    where it was when it is started again, and what comes of it is the same. Files that are
+    The process that runs a trial writes its file, whole or not at all. A study that is killed goes
+    on when it is started again, with the same results. Files that are
     damaged, trials that failed, and those of a controller or URDF that has changed since, see
     identity(), are made again. The outcomes do not depend on the number of jobs.
 

@@ -8,7 +8,7 @@ from rcmqp.errors import OptionError
 from rcmqp.references.view import ViewCommand
 
 STIFFNESS = 350.0
-"""Of the arm of whoever holds the device [N/m]: see rcmqp.references.operators.Operator."""
+"""Stiffness of the arm that holds the device [N/m]: see rcmqp.references.operators.Operator."""
 
 QUICKEST = 0.02
 """Least time constant of the filter [s]: messages of a hand come every 16 ms."""

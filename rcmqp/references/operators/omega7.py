@@ -20,7 +20,7 @@ VELOCITY_WINDOW = 0.02
 @options
 @dataclass(frozen=True, slots=True)
 class Omega7:
-    """What counts of the device for whoever holds it; translations only, as in the paper.
+    """The haptic device, as far as its holder feels it; translations only, as in the paper.
 
     Attributes:
         radius: of the sphere that the handle can reach, about where it starts [m]: 75 mm in

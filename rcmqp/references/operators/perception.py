@@ -145,7 +145,7 @@ class Eyes:
         return dq.quaternion_mul(dq.quaternion_conj(dq.P(x)), self._r_start)
 
     def _judge(self, away: list[float]) -> Vector3:
-        """A way (3,) [m] with the errors of whoever sees it."""
+        """A way (3,) [m] with the operator's errors of sight."""
         operator = self.operator
         x, y, z = away
         lateral, floor = operator.weber_lateral, operator.floor_lateral

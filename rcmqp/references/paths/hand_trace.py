@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 import os
 from collections.abc import Iterable
@@ -12,6 +11,7 @@ from rcmqp.errors import OptionError
 from rcmqp.maths.options import options, part, rule
 from rcmqp.references.hand.clutch import Clutch
 from rcmqp.references.hand.mapping import HandMapping
+from rcmqp.references.recorded import Recorded
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.instrument import Vector3
 from rcmqp.world.motions.sampled import Sampled, sample_positions, sample_times
@@ -53,39 +53,17 @@ class HandTrace:
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str], *, scale: float = 1.0) -> HandTrace:
-        """A recording of positions over time.
-
-        The file has a head with the columns ``t`` (or ``time``) [s], ``x``, ``y``, ``z`` [m],
-        in any order, and may have ``engaged`` (0 or 1); other columns, and lines that begin
-        with #, are left out. Times count from the first one.
+        """A recording of a hand; see Recorded.read() for the file.
 
         Args:
-            path: the file.
-            scale: metres in its unit of length; 1e-3 for a file in mm.
+            path: of a CSV file with the columns t, x, y, z, and ``engaged`` if there is a clutch.
+            scale: metres in the file's unit of length, if its head does not name one.
 
         Raises:
-            OptionError: the file cannot be read, a column is missing or a number is none.
+            OptionError: the file cannot be read, or a column, unit or number is not allowed.
         """
-        try:
-            with open(path, encoding="utf-8-sig", newline="") as stream:
-                rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise OptionError(f"{path} cannot be read: {error}") from error
-        table = [{str(k).strip().lower(): v for k, v in each.items()} for each in rows]
-        names = set(table[0]) if table else set()
-        clock = "time" if "time" in names else "t"
-        if missing := {clock, "x", "y", "z"} - names:
-            raise OptionError(
-                f"{path} has no {', '.join(sorted(missing))}; the first line must name the "
-                "columns t, x, y, z, and one sample follow on each line"
-            )
-        try:
-            times = [float(each[clock]) for each in table]
-            points = [tuple(scale * float(each[axis]) for axis in "xyz") for each in table]
-            engaged = [bool(float(each["engaged"])) for each in table if "engaged" in each]
-        except (TypeError, ValueError) as error:
-            raise OptionError(f"{path} has a line that is not numbers: {error}") from error
-        return cls(tuple(t - times[0] for t in times), tuple(points), tuple(engaged))  # type: ignore[arg-type]
+        found = Recorded.read(path, scale=scale)
+        return cls(found.times, found.positions, found.engaged)
 
     @functools.cached_property
     def way(self) -> Sampled:

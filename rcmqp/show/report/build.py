@@ -117,7 +117,7 @@ def _move(part: Path, folder: Path) -> list[Path]:
 
 
 def _rows(groups: Sequence[Group]) -> list[tables.Row]:
-    """What came of each run; its controller with what else tells it apart."""
+    """A row for each run; its controller with the options in which it differs from others."""
     return [
         dataclasses.replace(tables.row_of(run), controller=label, file=file)
         for group in groups

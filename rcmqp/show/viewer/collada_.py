@@ -31,7 +31,7 @@ def triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
         scale: (3,) what the URDF multiplies points with.
 
     Returns:
-        Corners (m, 3, 3) of each colour's triangles [m]; the colour is None where there is none.
+        Corners (m, 3, 3) of each colour's triangles [m]; the colour is None if the file has none.
 
     Raises:
         Unreadable: this is no Collada file, or a broken one.
@@ -54,7 +54,7 @@ def triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
 
 
 def _colour(bound: Any) -> Colour | None:
-    """The colour of a material as a scene binds it; None where there is none, but a picture."""
+    """A material's colour, as a scene binds it; None if the material is a picture or missing."""
     effect = getattr(getattr(bound, "target", None), "effect", None)
     diffuse = getattr(effect, "diffuse", None)
     if not isinstance(diffuse, tuple | list | np.ndarray):

@@ -1,0 +1,157 @@
+"""Recordings of positions over time, from CSV files: of a hand, a tip, a trocar."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmqp.errors import OptionError
+from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.instrument import Vector3
+
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+COLUMN = re.compile(r"\s*(?P<frame>world )?\s*(?P<name>t|time|x|y|z)\s*(\[(?P<unit>[a-z]+)\])?\s*")
+"""Head of a column that counts: ``t [ms]``, ``x [mm]``, ``world x [mm]``."""
+
+HEAD = 't [s], x [m], y [m], z [m], or "world x [m]" and so on for the world\'s axes'
+
+MOST = 1_000_000
+"""Samples of a recording."""
+
+FAR = 2.0
+"""Way from the first position above which the unit is questioned [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """What a recording says.
+
+    Attributes:
+        times: (n,) [s], from 0 on.
+        positions: (n, 3) [m].
+        world: whether they are in the world's axes, or else in the trocar's or the device's.
+        engaged: (n,) whether a handle drove the camera; empty if the file does not say.
+    """
+
+    times: tuple[float, ...]
+    positions: tuple[Vector3, ...]
+    world: bool = False
+    engaged: tuple[bool, ...] = ()
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], *, scale: float = 1.0) -> Recorded:
+        """Read a CSV file whose head names columns and units.
+
+        The columns are ``t`` (or ``time``), ``x``, ``y``, ``z``, in any order, with a unit in
+        brackets: s, ms, us or ns; m, cm, mm or um. Without a unit, times are in s and positions in
+        ``scale`` metres. ``world x`` and so on are in the world's axes. ``engaged`` (0 or 1) may
+        stand beside them; other columns, and lines that begin with #, are left out. Times count
+        from the first one, so they may be of any clock.
+
+        Args:
+            path: of the file.
+            scale: metres in the file's unit of length, if the head does not name it.
+
+        Raises:
+            OptionError: the file cannot be read, or a column, unit or number is not allowed.
+        """
+        try:
+            with open(path, encoding="utf-8-sig", newline="") as stream:
+                lines = (line for line in stream if line.strip() and not line.startswith("#"))
+                rows = list(itertools.islice(csv.reader(lines), MOST + 2))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise OptionError(f"{path} cannot be read: {error}") from error
+        if not 2 < len(rows) < MOST + 2:
+            raise OptionError(
+                f"{path} has {max(len(rows) - 1, 0)} samples below its head; a recording has 2 to "
+                f"{MOST}"
+            )
+        columns = _columns(str(path), rows[0], scale)
+        table = _numbers(str(path), rows[1:], columns.at)
+        times = (table[:, 0] - table[0, 0]) * columns.clock
+        if not (np.diff(times) > 0.0).all():
+            k = int(np.argmin(np.diff(times) > 0.0)) + 1
+            raise OptionError(
+                f"{path}: sample {k + 1} is at {times[k]:.6g} s, the one before at "
+                f"{times[k - 1]:.6g} s from the first; sort them, and drop those taken twice"
+            )
+        positions = table[:, 1:4] * columns.unit
+        far = float(np.abs(positions - positions[0]).max())
+        if far > FAR:
+            raise OptionError(
+                f"{path} goes {far:.4g} m away from its first position; are these millimetres? "
+                "Name the unit in the head: x [mm], y [mm], z [mm]"
+            )
+        engaged = tuple(map(bool, table[:, 4].tolist())) if len(columns.at) > 4 else ()
+        points = tuple((x, y, z) for x, y, z in positions.tolist())
+        return cls(tuple(times.tolist()), points, columns.world, engaged)
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Where t, x, y, z, and engaged if it is there, stand; and the units."""
+
+    at: tuple[int, ...]
+    clock: float
+    unit: float
+    world: bool
+
+
+def _columns(path: str, head: Sequence[str], scale: float) -> _Columns:
+    found = [COLUMN.fullmatch(name.lower()) for name in head]
+    at: dict[str, int] = {}
+    for i, each in enumerate(found):
+        if each is not None:
+            name = each["name"][0]
+            if name in at:
+                raise OptionError(f"{path} has two columns {name}; leave one of them in")
+            at[name] = i
+    if missing := [name for name in "txyz" if name not in at]:
+        raise OptionError(
+            f"{path} has no column {', '.join(missing)}, but {', '.join(head)[:200]}; its first "
+            f"line must name them: {HEAD}"
+        )
+    t, *axes = (found[at[name]] for name in "txyz")
+    assert t is not None
+    clock, units = t["unit"] or "s", {each["unit"] or "" for each in axes if each is not None}
+    if clock not in CLOCKS or len(units) > 1 or not units <= {*UNITS, ""}:
+        named = ", ".join(filter(None, [clock, *sorted(units)]))
+        raise OptionError(
+            f"{path} has the units {named}; a time's is one of "
+            f"{', '.join(CLOCKS)}, and those of x, y and z are the same one of {', '.join(UNITS)}"
+        )
+    frames = {bool(each["frame"]) for each in axes if each is not None}
+    if len(frames) > 1:
+        raise OptionError(
+            f"{path} has some of x, y, z in the world's axes; give all or none there"
+        )
+    names = [name.strip().lower() for name in head]
+    places = [at[name] for name in "txyz"]
+    places += [names.index("engaged")] if "engaged" in names else []
+    unit = {**UNITS, "": scale}[units.pop()]
+    return _Columns(tuple(places), CLOCKS[clock], unit, frames.pop())
+
+
+def _numbers(path: str, rows: Sequence[Sequence[str]], at: Sequence[int]) -> Array:
+    """The numbers (n, len(at)) of some columns."""
+    table = np.empty((len(rows), len(at)))
+    for k, row in enumerate(rows):
+        try:
+            table[k] = [float(row[i]) for i in at]
+        except (ValueError, IndexError) as error:
+            said = ", ".join(row)[:100]
+            raise OptionError(
+                f"{path}: sample {k + 1}, {said!r}, is not {len(at)} numbers"
+            ) from error
+    if not np.isfinite(table).all():
+        k = int(np.argmin(np.isfinite(table).all(axis=1)))
+        raise OptionError(f"{path}: sample {k + 1} has a number that is not finite; leave it out")
+    return table
