@@ -92,7 +92,7 @@ def test_the_trocar_moves_as_it_was_seen_to(
     [
         ("t,x,y", {}, r"has no column z, but t, x, y; its first line must name them"),
         ("t,x,y,z,time", {}, "two columns t"),
-        ("t [h],x,y,z", {}, "units h, m; a time's is one of s, ms, us, ns"),
+        ("t [h],x,y,z", {}, "units h; a time's is one of s, ms, us, ns"),
         ("t,x [mm],y [m],z [mm]", {}, "are the same one of m, cm, mm, um"),
         ("t,world x,y,z", {}, "some of x, y, z in the world's axes"),
         ("t,x,y,z", {(5, 0): 0.0}, r"sample 6 is at 0 s, the one before at 0.2 s"),
