@@ -18,6 +18,7 @@ from test_urdf import urdf
 from rcmqp import Run, compute_metrics, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
 from rcmqp.errors import ArmError, RunFileError
+from rcmqp.runs.scenario import Scenario
 from rcmqp.show.viewer.shapes import arm_parts
 from rcmqp.world.carried import CarriedArm
 
@@ -163,6 +164,57 @@ def test_meshes_keep_no_folder_of_a_machine_and_are_not_fetched(
         assert arm_parts(stranger.load("l7", {}))  # cylinders
 
 
+def test_a_run_drawn_with_another_file_can_be_kept(away: Path, tmp_path: Path) -> None:
+    run = made(away / "alices_robot.urdf", "l7")
+    copy = away / "copy.urdf"
+    copy.write_text(urdf().replace("<robot", "<!-- with meshes --><robot"))
+    run.drawn_with(str(copy), "l7").save(tmp_path / "copy.h5")
+    assert Run.load(tmp_path / "copy.h5").scenario.arm == "copy.urdf"
+
+
+def test_a_carried_arm_goes_to_the_processes_of_real_time(away: Path, tmp_path: Path) -> None:
+    scenario = travelled(made(away / "alices_robot.urdf", "l7"), away).scenario
+    again = Scenario.from_json(scenario.to_json(carry=True))
+    assert again.insertion().arm.sha256 == scenario.insertion().arm.sha256
+    own = Scenario.of("own", scenario.insertion(), scenario.path)
+    assert own.arm == "alices_robot.urdf"
+    assert Scenario.from_json(own.to_json(carry=True)).insertion().arm.nv == 7
+
+
+def test_only_links_joints_and_materials_are_carried(away: Path) -> None:
+    more = """<material name="m"><texture filename="/home/alice/t.png"/></material>
+    <gazebo><plugin filename="/home/alice/libp.so">/home/alice/x</plugin></gazebo></robot>"""
+    (away / "alices_robot.urdf").write_text(urdf().replace("</robot>", more))
+    carried = CarriedArm.of(load_arm(away / "alices_robot.urdf", "l7", home=HOME))
+    assert carried is not None
+    assert "/home/alice" not in carried.to_json()
+    assert carried.load("l7", {}).nv == 7
+
+
+def test_no_program_beside_a_run_is_run(away: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    carried = CarriedArm.of(load_arm(away / "alices_robot.urdf", "l7", home=HOME))
+    assert carried is not None
+
+    def never(*_: object, **__: object) -> None:
+        pytest.fail("a file beside the run was read")
+
+    monkeypatch.setattr("rcmqp.world.carried.load_arm", never)
+    (away / "arm.xacro").write_text("<robot/>")
+    (away / "arm.toml").write_text('urdf = "arm.xacro"')
+    for name in ("arm.xacro", "arm.toml"):
+        arm = dataclasses.replace(carried, name=name, beside=away).load("l7", {})
+        assert arm.source is not None
+        assert arm.source.carried
+
+
+def test_an_arm_that_only_has_a_registered_name_does_not_have_its_title() -> None:
+    carried = CarriedArm.of(load_arm("panda"))
+    assert carried is not None
+    assert carried.load(None, {}).title == "Franka Emika Panda"
+    other = dataclasses.replace(carried, urdf=carried.urdf.replace("2.175", "9"), sha256="0" * 64)
+    assert other.load(None, {}).title == "Franka Emika Panda, as the run's file has it"
+
+
 # What is damaged ---------------------------------------------------------------------------
 
 
@@ -182,6 +234,18 @@ def _more(data: dict[str, Any]) -> None:
     data["recipe"]["about"]["source"] = "a stranger's"
 
 
+def _turned(data: dict[str, Any]) -> None:
+    data["recipe"]["about"]["flange_offset"] = [[1.0, 2.0], [3.0, 4.0]]
+
+
+def _titled(data: dict[str, Any]) -> None:
+    data["recipe"]["about"]["title"] = {}
+
+
+def _home(data: dict[str, Any]) -> None:
+    data["recipe"]["home"] = [float("nan")]
+
+
 def _lost(data: dict[str, Any]) -> None:
     del data["urdf"]
 
@@ -194,6 +258,9 @@ def _lost(data: dict[str, Any]) -> None:
         (_kind, "locked is missing, or is no dict"),
         (_more, "'source' is none of"),
         (_lost, "urdf is missing, or is no str"),
+        (_turned, "flange_offset must be a placement"),
+        (_titled, "title = {}, it must be a text"),
+        (_home, "home must be finite numbers"),
     ],
 )
 def test_a_damaged_arm_is_said_of_the_file(

@@ -224,10 +224,13 @@ def test_the_pace_is_the_gains_near_the_limit_and_leaves_the_distance_to_brake()
     assert damper.pace(1.5) == pytest.approx(math.sqrt(2.0 * A * 1.5), rel=1e-3)
 
 
-def driven(wish: float, v: float, cycles: int) -> tuple[Array, Array]:
+def driven(
+    wish: float, v: float, cycles: int, *, depth: float = 0.0, most: float = 1.0
+) -> tuple[Array, Array]:
     """Rooms and speeds of a slide that wants to go on at ``wish`` and obeys one depth row.
 
-    It changes its own speed by at most 1 m/s^2, and that by at most 20 m/s^3.
+    It begins at ``depth`` [m], and changes its own speed by at most ``most`` [m/s^2], and that by
+    at most 20 times as much in a second.
     """
     block = Block(
         "trocar_depth",
@@ -235,13 +238,15 @@ def driven(wish: float, v: float, cycles: int) -> tuple[Array, Array]:
         **{"tip_depth": 0.0, "shallowest": -1.0, "deepest": 0.05},
     )
     J, still, rooms, speeds = np.eye(6)[:, 2:3], np.zeros(3), [], []
-    depth, a = 0.0, 0.0
+    a = 0.0
     for _ in range(cycles):
         x = from_se3(pin.SE3(np.eye(3), np.array([0.0, 0.0, depth])))
         now = np.zeros(1), np.array([v]), np.array([a])
         C, d = block.rows(x, J, *now, x, np.zeros(8), still, still, None)[2:]
         assert np.array_equal(C[:, 0], [1.0, -1.0])
-        own = v + T * np.clip(np.clip((wish - v) / T, -1.0, 1.0), a - 20.0 * T, a + 20.0 * T)
+        own = v + T * np.clip(
+            np.clip((wish - v) / T, -most, most), a - 20.0 * most * T, a + 20.0 * most * T
+        )
         before, v = v, min(own, d[0])
         a, depth = (v - before) / T, depth + T * v
         rooms.append(0.05 - depth)
@@ -259,6 +264,16 @@ def test_a_damper_with_jerk_slows_down_as_gently_as_it_says_and_stops_at_the_lim
     assert np.diff(a).min() >= -5.0 * T * (1.0 + 1e-6)
     braking = 0.08**2 / (2.0 * 0.2) + 0.5 * 0.08 * 0.2 / 5.0
     assert 0.98 * braking < rooms[int(np.flatnonzero(a < 0.0)[0])] < 1.05 * braking
+
+
+def test_a_damper_with_jerk_brings_back_as_gently_as_it_says() -> None:
+    """What obeys the row, and can do anything, comes back from 1 mm beyond the limit."""
+    rooms, speeds = driven(wish=1.0, v=0.0, cycles=2000, depth=0.051, most=1e9)
+    a = np.diff(speeds, prepend=0.0) / T
+    assert rooms[0] < -0.9e-3
+    assert np.abs(rooms[-1]) < 1e-6
+    assert a.min() >= -0.2 * (1.0 + 60.0 * T)
+    assert np.diff(a).min() >= -5.0 * T * (1.0 + 1e-6)
 
 
 def test_a_damper_with_jerk_that_comes_too_late_is_left_at_its_jerk() -> None:

@@ -115,6 +115,7 @@ def test_a_file_of_several_laws_wants_one_named() -> None:
         ("x = 1", "one controller, and has none: write a dataclass"),
         ("import nosuch_module", "bad.py cannot be run: ModuleNotFoundError"),
         ("raise ValueError('no')", "bad.py cannot be run: ValueError: no"),
+        ("raise SystemExit", "bad.py cannot be run: SystemExit"),
         (
             TWO.split("@dataclass(frozen=True, eq=False)\nclass Stiller")[0].replace(
                 "Still", "Damped"

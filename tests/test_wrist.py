@@ -16,6 +16,7 @@ from opened import Opened
 
 from rcmqp import Instrument, Run, Scenario, load_arm, make_controller, simulate
 from rcmqp.controllers import CONTROLLERS
+from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.errors import InsertionError, OptionError, UnknownName
 from rcmqp.limits import JointLimits
 from rcmqp.maths import dualquaternion as dq
@@ -100,6 +101,8 @@ def test_the_wrist_keeps_the_limits_of_its_joints(helix: Run) -> None:
     accelerations = np.diff(speeds, axis=0) / T
     assert (np.abs(helix.v) <= arm.velocity * (1.0 + 1e-9)).all()
     assert (np.abs(accelerations) <= arm.acceleration * (1.0 + 1e-6)).all()
+    jerks = np.diff(np.vstack([np.zeros(arm.nv), accelerations]), axis=0) / T
+    assert (np.abs(jerks) <= arm.jerk * (1.0 + 1e-6)).all()
     assert (arm.limit_margin(helix.angles) >= -1e-9).all()
 
 
@@ -283,7 +286,7 @@ def test_every_instrument_of_rcmqp_loads_and_says_its_sources(name: str) -> None
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[wrist]\njoints = []", "at least one joint"),
+        ("[wrist]\njoints = []", r"needs a table \[\[wrist.joints\]\]"),
         ("[[wrist.joints]]\nname = 'a'", "axis"),
         ("[[wrist.joints]]\nname = 'a'\nangle = 2", r"key in .*\[\[wrist.joints\]\] 'angle'"),
         (
@@ -323,3 +326,49 @@ def test_the_page_has_the_camera_at_the_tool(opened: Opened, runs: list[Run]) ->
         tool = tool_by_hand(run.insertion(), run.q[k])
         assert_allclose(found[:3, 3], tool.translation, rtol=0, atol=1e-5)
         assert_allclose(-found[:3, 2], tool.rotation[:, 2], rtol=0, atol=1e-5)
+
+
+def test_a_wrist_may_be_left_out_of_a_scenarios_start_and_the_run_has_it(tmp_path: Path) -> None:
+    full = load_scenario("circle", "panda", instrument=NEEDLE_DRIVER, duration=0.02)
+    bare = dataclasses.replace(full, angles_start=full.angles_start[:-JOINTS])
+    law = make_controller("hierarchical_qp", bare.insertion(), bare.period)
+    run = simulate(bare, law)
+    assert run.scenario.angles_start == full.angles_start
+    run.save(tmp_path / "run.h5")
+    assert Run.load(tmp_path / "run.h5").digest == run.digest
+    assert run.drawn_with("panda").insertion().arm.joints == run.joints
+
+
+def test_the_view_at_the_start_is_within_reach_however_deep_the_tool_is() -> None:
+    arm = load_arm("panda")
+    short = dataclasses.replace(NEEDLE_DRIVER, length=0.1)
+    deep = short.tip - short.mount_offset - 1e-3
+    assert deep > short.length
+    insertion = Insertion.on_shaft(arm, short, depth=deep)
+    insertion.check_reach(0.0, 0.0)
+    with pytest.raises(InsertionError, match="instrument is only"):
+        insertion.check_reach(0.0, 0.01)
+
+
+def test_a_wrist_does_not_make_the_shafts_limits_gentler() -> None:
+    arm = load_arm("panda")
+    rates = [
+        [limit.rates for limit in default_limits(Insertion.on_shaft(arm, tool), 1e-3)[1:3]]  # type: ignore[attr-defined]
+        for tool in (Instrument(), NEEDLE_DRIVER)
+    ]
+    assert rates[0] == rates[1]
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("tool = 0.01", r"needs a table \[\[wrist.joints\]\]"),
+        ("joints = 3", r"needs a table \[\[wrist.joints\]\]"),
+        ('[[wrist.joints]]\nname = "a"', "joint 1 of .* has no axis; it needs name, axis"),
+        ("[[wrist.joints]]\nname = 5\naxis = [0, 0, 1]\nposition = [-1, 1]\nvelocity = 1", "name"),
+    ],
+)
+def test_what_a_wrists_file_lacks_is_said_in_words(tmp_path: Path, lines: str, said: str) -> None:
+    (tmp_path / "w.toml").write_text(f"[wrist]\n{lines}\n")
+    with pytest.raises(OptionError, match=said):
+        load_instrument(tmp_path / "w.toml")

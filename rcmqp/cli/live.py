@@ -13,9 +13,8 @@ from rcmqp.cli.console import err, out
 from rcmqp.cli.options import InstrumentOption, instrument_of
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import ToolMissing
+from rcmqp.live import LOCAL
 from rcmqp.runs.loading import load_scenario
-
-LOCAL = "127.0.0.1"
 
 
 def live(
@@ -36,14 +35,14 @@ def live(
     ] = None,
     scale: Annotated[float, typer.Option(help="How far the tip moves, over the hand.")] = 1.0,
     viscosity: Annotated[
-        float, typer.Option(help="Of the device that the hand feels to hold, in N s/m.")
+        float, typer.Option(help="Viscosity of the device, in N s/m: a fast hand is slowed down.")
     ] = 15.0,
     file: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to record the session into, HDF5.")
     ] = None,
     host: Annotated[
         str, typer.Option(help="Interface to listen on; other machines reach any but this one.")
-    ] = LOCAL,
+    ] = LOCAL[0],
     port: Annotated[int, typer.Option(help="Port to listen at; any without it.")] = 0,
     no_open: Annotated[
         bool, typer.Option("--no-open", help="Do not open the page in a browser.")
@@ -68,7 +67,7 @@ def live(
         raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
     options = options_of(controller, settings or [])
     chosen = load_scenario(scenario, arm, **instrument_of(instrument))
-    if host != LOCAL:
+    if host not in LOCAL:
         err.print(
             f"[bold yellow]warning:[/] {escape(host)} can be reached from other machines, and "
             "nothing is encrypted: anybody who sees the address can steer",

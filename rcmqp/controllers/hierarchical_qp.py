@@ -238,9 +238,11 @@ def _diagnostics(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:
     """Joint limits, the trocar's cone and depth range, and the obstacles of the scene."""
     arm = insertion.arm
-    share = min(1.0, float(arm.acceleration.min()) / ABLE)
-    limited = np.isfinite(arm.acceleration) & np.isfinite(arm.jerk)
-    eased = EASING * np.min(arm.jerk[limited] / arm.acceleration[limited], initial=np.inf)
+    bare = insertion.bare  # a wrist does not move the shaft, and a rail has other units
+    acceleration, jerk = bare.acceleration[bare.turns], bare.jerk[bare.turns]
+    share = min(1.0, float(np.min(acceleration, initial=np.inf)) / ABLE)
+    limited = np.isfinite(acceleration) & np.isfinite(jerk)
+    eased = EASING * np.min(jerk[limited] / acceleration[limited], initial=np.inf)
 
     def rates(most: float) -> dict[str, float]:
         jerk = share * most * float(eased)

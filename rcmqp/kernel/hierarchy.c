@@ -426,6 +426,7 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
         return route;
     level.speed *= sqrt(1.0 + (left - KEPT_FROM) / HELD_BACK);
     go_back(descent, work->before, k);
+    descent->doubts[k] = 0; /* of the steps that are taken back */
     active_set(multipliers_of(work, k), N, work->proposed);
     memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
     return approach_open(work, &level, k, rounds, arena);

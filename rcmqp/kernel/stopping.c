@@ -162,6 +162,8 @@ double stopping_speed(double v, double a, double distance, double most, double d
 {
     const double step = jerk * T, hardest = deceleration / step;
     if (!(step < 2.0 * deceleration)) return smaller(most, braking_speed(distance, deceleration, T));
-    const double low = a / step - 1.0, high = larger(low, (most - v) / (T * step));
+    const double change = a / step - 1.0; /* what comes towards the limit too fast may need more */
+    const double low = v > 0.0 ? change : larger(change, -hardest);
+    const double high = larger(low, (most - v) / (T * step));
     return v + T * step * highest(v / (T * step), low, high, distance / (T * T * step), hardest);
 }

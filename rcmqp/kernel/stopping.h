@@ -18,8 +18,11 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
                     double *low, double *up);
 
 /* The largest speed of the next cycle, up to `most`, from which a stop is over after `distance`,
- * this cycle included, for something that goes at v, its last change a, and may be decelerated by
- * `deceleration` with `jerk`; where neither can be, what these allow in the next cycle. */
+ * this cycle included, for something that goes at v, its last change a, if its deceleration grows
+ * with `jerk` up to `deceleration`. If there is no such speed, it is what the jerk alone allows while
+ * v > 0, so that something that came too fast stops as soon as the jerk lets it, and what jerk and
+ * deceleration allow while it comes back. If the jerk allows a change by twice the deceleration in
+ * a cycle, it is not counted, nor is the last change. */
 double stopping_speed(double v, double a, double distance, double most, double deceleration,
                       double jerk, double T);
 

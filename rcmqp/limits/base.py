@@ -198,7 +198,9 @@ class Damper(Limit):
     goes over into the root sqrt(2 A s) where gain s would need more than A, see pace(). With
     ``jerk``, ds/dt is moreover no faster than a speed from which s can stop at zero, if its
     deceleration grows by jerk T a cycle, up to A, and falls as slowly; state.v and state.a say
-    how s changes now. A limit that cannot be kept any more is left at these rates, not at once.
+    how s changes now, but for the bend of the way. If s comes too fast for that, the row asks
+    for a deceleration that still grows by jerk T a cycle, beyond A if need be. On the way back
+    from beyond the limit it asks for A at most. A jerk T of 2 A or more is not counted.
 
     Attributes:
         gain: [1/s].

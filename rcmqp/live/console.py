@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.live import LOCAL
 from rcmqp.live.page import page
-from rcmqp.live.server import LOCAL, Console, Server
+from rcmqp.live.server import Console, Server
 from rcmqp.live.session import quantiles
 from rcmqp.realtime.signals import ENDING
 from rcmqp.runs.head import check_replaceable
@@ -25,7 +26,11 @@ from rcmqp.runs.scenario import Scenario
 from rcmqp.show.table import Table
 
 BUFFER = 1 << 16
-"""Largest number of bytes that wait on the way to the loop; older messages are out of date."""
+"""Largest number of bytes that wait on the way to or from the loop; older ones are out of date."""
+
+
+LEAVING = 20.0
+"""How long the loop has to bring the arm to rest and to write the file [s]."""
 
 
 class LoopEnded(RcmqpError):
@@ -83,7 +88,7 @@ def run_live(
         stack.enter_context(contextlib.closing(ours))
         ours.setblocking(False)
         header = {
-            "scenario": scenario.to_json(),
+            "scenario": scenario.to_json(carry=True),
             "controller": controller,
             "options": options,
             "hand": {"scale": scale, "viscosity": viscosity},
@@ -91,7 +96,8 @@ def run_live(
             "channel": theirs.fileno(),
         }
         with contextlib.closing(theirs):
-            theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+            for end in (ours, theirs):  # each limits what it sends
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
             process = stack.enter_context(_session(theirs.fileno()))
         _begin(process, header)
         console = Console(text, token, ours, local=host in LOCAL)
@@ -125,7 +131,12 @@ async def _serve(
         assert process.stdin is not None
         process.stdin.close()  # the arm comes to rest
     await serving
-    return await last
+    try:
+        return await asyncio.wait_for(asyncio.shield(last), LEAVING)
+    except TimeoutError:
+        process.kill()  # then its channel ends, and with it the line that is waited for
+        await last
+        return {"fault": f"the loop did not come to rest in {LEAVING:g} s and was killed"}
 
 
 @contextlib.contextmanager

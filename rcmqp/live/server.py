@@ -19,6 +19,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from rcmqp.live import LOCAL
 from rcmqp.live.desk import Desk, Visitor
 from rcmqp.live.messages import Hand, Ping, Take
 from rcmqp.realtime.latency import LatencyCounter
@@ -36,8 +37,6 @@ REFUSED = 4403
 
 HUGE = 1 << 16
 """Bytes of a message beyond which a page is cut off."""
-
-LOCAL = ("127.0.0.1", "localhost")
 
 
 class Server(uvicorn.Server):
@@ -97,10 +96,10 @@ class Console:
         asyncio.get_running_loop().add_reader(self._channel, self._receive)
 
     def end(self, why: str) -> None:
-        """Tell every page that the loop has ended, and close."""
+        """Tell every page that the loop has ended."""
         self.ended = why
         for latest in self._pages.values():
-            latest.put(json.dumps({"kind": "ended", "why": why}))
+            latest.put(_ended(why))
 
     def _receive(self) -> None:
         """The newest state goes to every page."""
@@ -140,7 +139,7 @@ class Console:
         visitor, latest = Visitor(), Latest()
         self._pages[visitor] = latest
         if self.ended is not None:
-            self.end(self.ended)
+            latest.put(_ended(self.ended))
         telling = asyncio.create_task(latest.pass_on(page.send_text))
         try:
             await self._hear(page, visitor, latest)
@@ -189,6 +188,11 @@ class Console:
 
     def _knows(self, query: Mapping[str, str]) -> bool:
         return hmac.compare_digest(query.get("token", "").encode(), self._token.encode())
+
+
+def _ended(why: str) -> str:
+    """The message that the loop has ended."""
+    return json.dumps({"kind": "ended", "why": why})
 
 
 class Latest:

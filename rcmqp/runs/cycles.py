@@ -74,6 +74,8 @@ class Cycles:
         self._scenario, self._controller, self._versions = scenario, controller, dict(versions)
         if (carried := CarriedArm.of(arm)) is not None:
             self._scenario = dataclasses.replace(scenario.portable(), carried_arm=carried)
+        angles = tuple(controller.insertion.angles_start)  # a wrist's, too
+        self._scenario = dataclasses.replace(self._scenario, angles_start=angles)
         self._derived = Derived(scenario, controller.insertion)
         sizes = {"n": 1, "nq": arm.nq, "nv": arm.nv}
         self.shapes = {name: CHANNELS[name].sizes(**sizes)[1:] for name in ROW if name != "J"}

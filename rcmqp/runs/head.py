@@ -159,7 +159,9 @@ class Head:
         for part, names in parts.items():
             most = MOST_REASON if part == "stops" else MOST_NAME
             if any(not isinstance(name, str) or len(name) > most for name in names):
-                raise RunFileError(path, f"damaged: {part}: names must be texts of {most} letters")
+                raise RunFileError(
+                    path, f"damaged: {part}: names must be texts of at most {most} letters"
+                )
         if len(self.joints) != len(self.scenario.angles_start):
             raise RunFileError(
                 path,

@@ -148,7 +148,7 @@ class LoopRecorder:
         about = {**SAFE_STOP, **TIMES, **controller.diagnostics}
         self._header: dict[str, Any] = {
             "path": str(self._path.resolve()),
-            "scenario": scenario.to_json(),
+            "scenario": scenario.to_json(carry=True),
             "urdf_sha256": insertion.arm.sha256,
             "name": controller.name,
             "options": dict(controller.options),

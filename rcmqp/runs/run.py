@@ -176,7 +176,8 @@ class Run(Channels):
             RcmqpError: the arm cannot be loaded.
         """
         scenario = dataclasses.replace(self.scenario, arm=arm, flange=flange, carried_arm=None)
-        joints = scenario.load_arm().joints
+        bare, wrist = scenario.load_arm(), scenario.instrument.wrist
+        joints = (*bare.joints, *(joint.name for joint in (wrist.joints if wrist else ())))
         if joints != self.joints:
             raise ArmError(
                 f"{arm} has the joints {', '.join(joints)}, the run {', '.join(self.joints)}; "
@@ -192,7 +193,9 @@ class Run(Channels):
                 f"{arm} brings the instrument elsewhere than in the run, with the same joint "
                 "angles; give the arm that it was made with"
             )
-        return dataclasses.replace(self, scenario=scenario, urdf_sha256=insertion.arm.sha256)
+        carried = CarriedArm.of(bare)
+        scenario = dataclasses.replace(scenario.portable(), carried_arm=carried)
+        return dataclasses.replace(self, scenario=scenario, urdf_sha256=bare.sha256, arm=carried)
 
     def arrays(self) -> dict[str, Array]:
         """The arrays with a unit, by name."""

@@ -247,8 +247,10 @@ class Scenario:
                 "does not keep; write an arm's file, my_robot.toml, with the joint in [locked], "
                 "and load that"
             )
+        carried = arm.source is not None and arm.source.carried
         given = {
-            "arm": arm.name if arm.name in arm_names() else os.path.abspath(arm.name),
+            "arm": arm.name if carried or arm.name in arm_names() else os.path.abspath(arm.name),
+            "carried_arm": CarriedArm.of(arm) if carried else None,
             "flange": None if names_its_flange(arm.name) else arm.flange,
             "angles_start": tuple(insertion.angles_start),
             "instrument": insertion.instrument,
@@ -497,7 +499,7 @@ _KINDS: dict[str, tuple[Registry[Any], ...]] = {
 
 
 def _leave_out_straight(instrument: dict[str, Any]) -> None:
-    """Leave out, in place, what files of before there were mounts and angled cameras say not."""
+    """Delete, in place, what files of earlier versions, without mounts, do not say."""
     if instrument["mount"] == dataclasses.asdict(Mount()):
         del instrument["mount"]
     if instrument["wrist"] is None:

@@ -178,13 +178,15 @@ def _check_made_for(scenario: Scenario, controller: Controller) -> None:
             f"the scenario has {scenario.period} s"
         )
     insertion = controller.insertion
+    start = np.zeros(insertion.arm.nv)  # of a wrist's joints that the scenario leaves out
+    start[: len(scenario.angles_start)] = scenario.angles_start[: len(start)]
     same = (
         insertion.arm.name == scenario.arm
         and scenario.flange in (None, insertion.arm.flange)
         and insertion.trocar == scenario.trocar
         and insertion.instrument == scenario.instrument
         and insertion.obstacles == scenario.obstacles
-        and np.array_equal(insertion.q_start, insertion.arm.configuration(scenario.angles_start))
+        and np.array_equal(insertion.q_start, insertion.arm.configuration(start))
     )
     if not same:
         raise OptionError(

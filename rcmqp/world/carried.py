@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import tomllib
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ import pinocchio as pin
 from rcmqp.errors import ArmError, ArmWarning, RcmqpError
 from rcmqp.world.arm import Arm, ModelSource
 from rcmqp.world.arm_limits import SpeedNearLimits
-from rcmqp.world.loading import arm_names, built, load_arm, names_its_flange
+from rcmqp.world.loading import ARM_FILE, arm_names, built, load_arm, names_its_flange
 from rcmqp.world.urdf import urdf_of
 
 _PARTS = {"name": str, "sha256": str, "urdf": str, "recipe": dict}
@@ -33,11 +34,15 @@ MOST_NAME = 200
 class CarriedArm:
     """What load_arm() made an arm of, without the files; equal if name and sum of the files are.
 
+    The file of a run says all of this, and a file can say anything: it is checked to be an arm,
+    not to be the one that it is named after.
+
     Attributes:
         name: the arm's, or the name of its file, without folders.
-        sha256: see Arm.
-        urdf: the URDF that the model was made of. Meshes keep the names of their files; of those
-            in a folder of one machine, only the file's own name is left.
+        sha256: see Arm; of files that are elsewhere.
+        urdf: the URDF that the model was made of: links, joints, materials, and the shapes of
+            links. Meshes keep the names of their files; of those in a folder of one machine, only
+            the file's own name is left.
         recipe: what built() was given besides.
         beside: folder in which the arm's own file is looked for; None for a registered arm.
     """
@@ -58,7 +63,7 @@ class CarriedArm:
         return cls(name, arm.source.sha256, text, arm.source.recipe, beside)
 
     def to_json(self) -> str:
-        """As a run's file keeps it, with a sum that damage does not survive."""
+        """As a run's file keeps it, with a sum that shows damage."""
         data = {name: getattr(self, name) for name in _PARTS}
         return json.dumps({**data, "sum": _sum(data)})
 
@@ -67,7 +72,7 @@ class CarriedArm:
         """The inverse of to_json().
 
         Raises:
-            ValueError: a part is missing, or is none that to_json() writes.
+            ValueError: a part is missing or of another kind, or the sum does not fit.
         """
         data = json.loads(text)
         for parts, inside in ((_PARTS, data), (_RECIPE, data.get("recipe", {}))):
@@ -78,6 +83,7 @@ class CarriedArm:
             raise ValueError(f"name = {data['name']!r:.50}, it must be an arm's or a file's")
         if unknown := data["recipe"]["about"].keys() - _ABOUT:
             raise ValueError(f"{sorted(unknown)[0]!r:.50} is none of {sorted(_ABOUT)}")
+        _check_recipe(data["recipe"])
         if data.pop("sum", None) != _sum(data):
             raise ValueError("its numbers do not fit its sum")
         return cls(data["name"], data["sha256"], data["urdf"], data["recipe"], beside)
@@ -101,7 +107,7 @@ class CarriedArm:
         else:
             folders = dict.fromkeys(filter(None, (self.beside, Path.cwd())))
             files = (folder / self.name for folder in folders)
-            tried = [str(file) for file in files if file.is_file()]
+            tried = [str(file) for file in files if file.is_file() and not _is_program(file)]
         for each in tried:
             with contextlib.suppress(RcmqpError), warnings.catch_warnings():
                 warnings.simplefilter("ignore", ArmWarning)
@@ -115,8 +121,10 @@ class CarriedArm:
         path, about = Path(self.name), dict(self.recipe["about"])
         try:
             urdf = urdf_of(self.urdf.encode(), path)
+            if self.name in arm_names():
+                about["title"] = f"{about.get('title', self.name)}, as the run's file has it"
             if about.get("flange_offset") is not None:
-                about["flange_offset"] = pin.SE3(np.array(about["flange_offset"]))
+                about["flange_offset"] = pin.SE3(np.array(about["flange_offset"], dtype=float))
             if about.get("speed_near_limits") is not None:
                 about["speed_near_limits"] = SpeedNearLimits(**about["speed_near_limits"])
             return built(
@@ -139,6 +147,40 @@ class CarriedArm:
             ) from error
 
 
+def _is_program(file: Path) -> bool:
+    """Whether reading an arm's file would run a xacro, which may be a stranger's."""
+    if file.suffix.lower() == ".xacro":
+        return True
+    if file.suffix.lower() != ARM_FILE:
+        return False
+    with contextlib.suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        urdf = tomllib.loads(file.read_text(encoding="utf-8")).get("urdf", "")
+        return str(urdf).lower().endswith(".xacro")
+    return True
+
+
+def _check_recipe(recipe: Mapping[str, Any]) -> None:
+    """Check what built() takes as it is.
+
+    Raises:
+        ValueError: a value is of another kind, or not finite.
+    """
+    about, home = recipe["about"], recipe.get("home")
+    for name in ("title", "licence"):
+        if not isinstance(about.get(name, ""), str):
+            raise ValueError(f"{name} = {about[name]!r:.50}, it must be a text")
+    numbers = home.values() if isinstance(home, dict) else home
+    for name, values in (("home", numbers), ("srs_offsets", about.get("srs_offsets"))):
+        if values is not None and not np.isfinite(np.array([*values], dtype=float)).all():
+            raise ValueError(f"{name} must be finite numbers")
+    if about.get("flange_offset") is not None:
+        offset = np.array(about["flange_offset"], dtype=float)
+        turn = offset[:3, :3] if offset.shape == (4, 4) else np.zeros((3, 3))
+        good = np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) and np.linalg.det(turn) > 0.0
+        if not (good and np.isfinite(offset).all()):
+            raise ValueError("flange_offset must be a placement (4, 4)")
+
+
 def _sum(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
@@ -149,10 +191,15 @@ def own_name(name: str) -> str:
 
 
 def _without_folders(text: str) -> str:
-    """A URDF in which no mesh says where it was on somebody's machine."""
+    """A URDF of links, joints and materials; no file in it has a folder of somebody's machine."""
     root = ET.fromstring(text)
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "").removeprefix("file://")
+    for part in [part for part in root if part.tag not in ("link", "joint", "material")]:
+        root.remove(part)
+    for element in list(root.iter()):
+        element.text = element.tail = None
+        for texture in element.findall("texture"):
+            element.remove(texture)
+        name = element.get("filename", "").removeprefix("file://")
         if PureWindowsPath(name).drive or PureWindowsPath(name).root:
-            mesh.set("filename", own_name(name))
+            element.set("filename", own_name(name))
     return ET.tostring(root, encoding="unicode")

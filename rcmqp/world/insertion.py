@@ -135,12 +135,13 @@ class Insertion:
         Raises:
             InsertionError: it is deeper than the shaft is long.
         """
-        depth, length = self.tip_depth + t_z, self.instrument.length
+        depth = self.tip_depth + t_z
+        length = self.instrument.tip - self.instrument.mount_offset
         if depth > length:
             raise InsertionError(
                 f"at t = {t:.6g} s the view asks for the tip {1e3 * depth:.1f} mm inside, the "
-                f"shaft is only {1e3 * length:.1f} mm long; make the path shallower or the shaft "
-                "longer"
+                f"instrument is only {1e3 * length:.1f} mm long; make the path shallower or the "
+                "shaft longer"
             )
 
     def check_camera_on_shaft(self, what: str) -> None:

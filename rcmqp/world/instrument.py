@@ -66,6 +66,13 @@ def _rpy(name: str, values: ArrayLike) -> Vector3:
     return angles
 
 
+def _name(name: str, value: str) -> str:
+    """A text that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise refused(name, value, "a text that is not empty")
+    return value
+
+
 def _travel(name: str, values: ArrayLike) -> tuple[float, float]:
     """Least and largest angle about zero, neither beyond two turns."""
     array = _numbers(values)
@@ -155,7 +162,7 @@ class WristJoint:
         jerk: likewise [rad/s^3].
     """
 
-    name: str
+    name: str = field(metadata=rule(_name))
     axis: Vector3 = field(metadata=rule(unit_vector3))
     position: tuple[float, float] = field(metadata=rule(_travel))
     velocity: float = field(metadata=positive("rad/s"))

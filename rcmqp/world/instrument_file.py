@@ -74,14 +74,26 @@ def load_instrument(path: str | os.PathLike[str]) -> Instrument:
                     f"{path}: {table} = {entry[table]!r:.50}, it must be a table: [{table}]"
                 )
             _check_keys(path, f" [{table}]", kind, entry[table])
-    joints = entry.get("wrist", {}).get("joints", [])
-    for joint in joints if isinstance(joints, list) else []:
-        if isinstance(joint, dict):
-            _check_keys(path, " [[wrist.joints]]", WristJoint, joint)
+    if "wrist" in entry:
+        _check_joints(path, entry["wrist"].get("joints"))
     try:
         return Instrument(**entry)
-    except (OptionError, TypeError) as error:  # TypeError: a joint lacks what it must have
+    except OptionError as error:
         raise OptionError(f"{path}: {error}") from error
+
+
+def _check_joints(path: Path, joints: Any) -> None:
+    """Check that a wrist has joints, and that each has what it must have."""
+    if not isinstance(joints, list) or not joints or not all(isinstance(x, dict) for x in joints):
+        raise OptionError(f"{path}: a wrist needs a table [[wrist.joints]] for each of its joints")
+    needed = [x.name for x in dataclasses.fields(WristJoint) if x.default is dataclasses.MISSING]
+    for i, joint in enumerate(joints, 1):
+        _check_keys(path, " [[wrist.joints]]", WristJoint, joint)
+        if missing := [name for name in needed if name not in joint]:
+            raise OptionError(
+                f"{path}: joint {i} of [[wrist.joints]] has no {missing[0]}; it needs "
+                f"{', '.join(needed)}"
+            )
 
 
 def _check_keys(path: Path, table: str, kind: type, entry: dict[str, Any]) -> None:

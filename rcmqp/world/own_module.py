@@ -34,7 +34,7 @@ def module_of_file(file: str | os.PathLike[str]) -> ModuleType:
     sys.modules[name] = module  # dataclasses look there for the names in annotations
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a script may end itself
         del sys.modules[name]
         _LOADED.pop(name, None)
         raise OptionError(f"{file} cannot be run: {type(error).__name__}: {error}") from error
