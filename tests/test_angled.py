@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -170,7 +171,7 @@ def test_an_instruments_file_is_read(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("length = 0", r"scope.toml: length = 0 m, it must be positive"),
-        ("[camera]\nangle = 30", "angle = 30 rad, it must be from 0 to 1.22173"),
+        ("[camera]\nangle = 30", "angle = 30 rad, it must be from 0 to 1.222, which is 70 degrees"),
         ("[mount]\nrpy = [0, 45, 0]", "are these degrees"),
         ("[mount]\nxyz = [0, 45]", "three finite numbers"),
         ("camera = 3", r"camera = 3, it must be a table: \[camera\]"),
@@ -188,3 +189,18 @@ def test_a_file_that_is_wrong_is_refused_in_words(
         file.write_text(text)
     with pytest.raises((OptionError, UnknownName, RcmqpError), match=said):
         load_instrument(file)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Camera(angle=30.0), "70 degrees; are these degrees"),
+        (lambda: Mount(xyz=(0.0, 60.0, 40.0)), "are these millimetres"),
+        (lambda: Instrument(length=330.0), "are these millimetres"),
+    ],
+)
+def test_other_units_of_an_instrument_are_questioned(
+    make: Callable[[], object], said: str
+) -> None:
+    with pytest.raises(OptionError, match=said):
+        make()

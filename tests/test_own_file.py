@@ -165,3 +165,34 @@ def scenario(arm: str = "panda", *, flange: str | None = None) -> Scenario:
     Path("own.py").write_text(text.replace("0.02", "0.03"))
     os.utime("own.py", ns=(1, 1))
     assert load_scenario("own.py").path == Circle(radius=0.03)
+
+
+def test_an_error_in_a_law_of_ones_own_is_said_with_its_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("slip.py").write_text(
+        TWO.partition("@dataclass(frozen=True, eq=False)\nclass Stiller")[0]
+        .replace("Still", "Slip")
+        .replace("np.zeros", "np.zeross")
+    )
+    assert call("run", "circle", "-c", "slip.py", "--duration", "0.1") == 1
+    said = capsys.readouterr().err
+    assert "slip.py, line 10, in _step: AttributeError" in said
+    assert "report" not in said
+
+
+def test_a_run_is_made_again_with_its_own_law_and_options_and_not_over_itself(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    law = ["-c", "damped", "--set", "gain=30", "--duration", "0.1", "--out", "run.h5"]
+    assert call("run", "circle", *law) == 0
+    assert call("run", "run.h5", "--out", "again.h5") == 0
+    assert Run.load("again.h5").digest == Run.load("run.h5").digest
+    assert call("run", "run.h5", "--set", "gain=20", "--out", "other.h5") == 0
+    assert (Run.load("other.h5").controller, Run.load("other.h5").options["gain"]) == (
+        "damped",
+        20.0,
+    )
+    assert call("run", "run.h5", "--out", "run.h5") == 1
+    assert "give another file" in capsys.readouterr().err
+    assert call("compare", "-s", "run.h5", "-c", "damped", "-o", "c", "--json") == 0

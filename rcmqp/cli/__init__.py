@@ -32,6 +32,7 @@ from rcmqp.cli import (
 from rcmqp.cli.console import err, out, show_warning
 from rcmqp.errors import ArmWarning, RcmqpError
 from rcmqp.runs.printable import shortened
+from rcmqp.world.own_module import place_of
 
 app = typer.Typer(
     name="rcmqp",
@@ -82,6 +83,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise
     except Exception as error:  # noqa: BLE001  (the last resort: no user sees a traceback)
         name = type(error).__name__
+        if (place := place_of(error)) is not None:
+            _say_and_end(error, f"{place}: {name}: {error}")
         _say_and_end(
             error,
             f"rcmqp failed where it did not expect to: {name}: {error}; please report the command "

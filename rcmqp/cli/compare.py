@@ -30,7 +30,7 @@ from rcmqp.cli.options import (
 from rcmqp.controllers import own_file
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import ArmError, OptionError, UnknownName
-from rcmqp.runs.loading import scenario_module
+from rcmqp.runs.loading import own_arm
 from rcmqp.show.tables import tables
 from rcmqp.world.loading import ARM_FILE, URDF_ENDINGS, arm_names, names_its_flange
 
@@ -126,7 +126,7 @@ def compare(
     for law in laws:
         controller_of(law)
     for name in scenario:
-        scenario_module(name)
+        own_arm(name)
     todo = comparison.cases(scenario, arm or [None], laws, changes, flange)
     notes: list[str] = []
     with console.bar(quiet=as_json) as advance:

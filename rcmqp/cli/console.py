@@ -158,12 +158,12 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
     if metrics.speed_ratio_max > 1.0 + ROUNDING:
         _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
         found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
-    if metrics.acceleration_ratio_max > 1.0 + ROUNDING:
-        found.append(
-            "the joints were asked for up to "
-            f"{metrics.acceleration_ratio_max:.3g} times their "
-            f"{'assumed ' if 'acceleration' in head.assumed else ''}acceleration limits"
-        )
+    for kind in ("acceleration", "jerk"):
+        if (ratio := getattr(metrics, f"{kind}_ratio_max")) > 1.0 + ROUNDING:
+            assumed = "assumed " if kind in head.assumed else ""
+            found.append(
+                f"the joints were asked for up to {ratio:.3g} times their {assumed}{kind} limits"
+            )
     if metrics.limit_margin_min_rad < -ROUNDING:
         joint, where = _where(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,12 +29,12 @@ from rcmqp.cli.options import (
     scenario_changes,
 )
 from rcmqp.controllers import make_controller, own_file
-from rcmqp.controllers.settings import controller_of
+from rcmqp.controllers.settings import controller_of, options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
 from rcmqp.references.recorded import Recorded
-from rcmqp.runs.head import check_replaceable
-from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.head import Head, check_replaceable, opened
+from rcmqp.runs.loading import RUN_FILE, load_scenario
 from rcmqp.runs.recorded import along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
@@ -57,11 +57,14 @@ def run(
         ),
     ] = None,
     controller: Annotated[
-        str,
+        str | None,
         typer.Option(
-            "--controller", "-c", help="Name (see rcmqp controllers), or FILE.py[:CLASS]."
+            "--controller",
+            "-c",
+            help="Name (see rcmqp controllers), or FILE.py[:CLASS]; without it, that of a run's "
+            "file, or dual_quaternion.",
         ),
-    ] = "dual_quaternion",
+    ] = None,
     file: Annotated[
         Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
     ] = None,
@@ -130,7 +133,7 @@ def run(
     """
     if arm == "":
         raise UnknownName("arm", arm, arm_names())
-    controller, options = controller_of(own_file.known(controller), settings or [])
+    name, options = _law(scenario, controller, settings or [])
     if gain is not None:
         if "gain" in options:
             raise OptionError("the gain is given twice, by --gain and by --set gain")
@@ -145,7 +148,7 @@ def run(
     )
     chosen = load_scenario(scenario, arm, flange=flange, **given)
     if path is not None:
-        chosen = along(chosen, Recorded.read(path))
+        chosen = dataclasses.replace(along(chosen, Recorded.read(path)), name=path.stem)
         if duration is not None:
             chosen = dataclasses.replace(chosen, duration=duration)
     if motion is not None:
@@ -153,9 +156,13 @@ def run(
     insertion = chosen.insertion()
     if trocar is not None and tolerance is None and not as_json:
         console.err.print(f"start: {ease_at(insertion)}", highlight=False, soft_wrap=True)
-    made = make_controller(controller, insertion, chosen.period, **options)
+    made = make_controller(name, insertion, chosen.period, **options)
     if file is not None:
         check_replaceable(file)
+        if file.resolve() == Path(scenario).resolve():
+            raise OptionError(
+                f"{file} is the run that is made again; give another file with --out"
+            )
     with console.bar(quiet=as_json) as advance:
 
         def progress(done: int) -> None:
@@ -169,6 +176,17 @@ def run(
         console.print_run(result, as_json, None)
     else:
         _show(file, as_json)
+
+
+def _law(
+    scenario: str, controller: str | None, settings: Sequence[str]
+) -> tuple[str, dict[str, Any]]:
+    """Name and options of the controller: the one asked for, or the one of a run's file."""
+    if controller is not None or not scenario.endswith(RUN_FILE):
+        return controller_of(own_file.known(controller or "dual_quaternion"), settings)
+    with opened(scenario) as run:
+        head = Head.read(run)
+    return head.controller, {**head.options, **options_of(head.controller, settings)}
 
 
 def show(

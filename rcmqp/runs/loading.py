@@ -26,6 +26,9 @@ from rcmqp.world.own_module import module_of_file
 from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.port import Port
 
+RUN_FILE = ".h5"
+"""How the name of a run's file ends."""
+
 GROUP = "rcmqp.scenarios"
 """Of the entry points whose modules are scenarios."""
 
@@ -72,7 +75,7 @@ def load_scenario(
         OptionError: the file is no scenario, or a value is not allowed.
         RcmqpError: the arm cannot be loaded.
     """
-    if name.endswith((".json", ".h5")):
+    if name.endswith((".json", RUN_FILE)):
         scenario = _read(Path(name))
         if arm is not None or flange is not None:
             raise OptionError(f"{name} has its own arm, {scenario.arm}; leave --arm out")
@@ -161,7 +164,7 @@ def own_arm(name: str) -> str:
     Raises:
         RcmqpError: there is no such scenario.
     """
-    if name.endswith((".json", ".h5")):
+    if name.endswith((".json", RUN_FILE)):
         return _read(Path(name)).arm
     return _default_arm(scenario_module(name))
 
@@ -173,7 +176,7 @@ def _default_arm(module: ModuleType) -> str:
 
 
 def _read(file: Path) -> Scenario:
-    if file.suffix == ".h5":
+    if file.suffix == RUN_FILE:
         with opened(file) as run:
             return _known(Head.read(run).scenario)
     try:

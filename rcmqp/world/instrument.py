@@ -16,7 +16,6 @@ from rcmqp.maths.options import (
     at_least,
     between,
     finite,
-    from_to,
     options,
     or_none,
     part,
@@ -27,6 +26,9 @@ from rcmqp.maths.options import (
 
 STEEPEST_VIEW = math.radians(70.0)
 """The most that a camera may look away from the shaft [rad]."""
+
+LONGEST = 2.0
+"""Length above which an instrument is taken to be in millimetres [m]."""
 
 Vector3: TypeAlias = tuple[float, float, float]
 
@@ -64,6 +66,31 @@ def _rpy(name: str, values: ArrayLike) -> Vector3:
     if max(map(abs, angles)) > 2.0 * math.pi:
         raise refused(name, values, "in rad, none beyond a whole turn; are these degrees?")
     return angles
+
+
+def _near(name: str, values: ArrayLike) -> Vector3:
+    """Where a mount is on its flange: within LONGEST."""
+    place = vector3(name, values)
+    if max(map(abs, place)) > LONGEST:
+        raise refused(name, values, f"within {LONGEST:g} m of the flange; are these millimetres?")
+    return place
+
+
+def _length(name: str, value: float) -> float:
+    """How long an instrument is: LONGEST at most."""
+    length = float(positive("m")["rule"](name, value))
+    if length > LONGEST:
+        raise refused(name, value, f"{LONGEST:g} m at most; are these millimetres?", "m")
+    return length
+
+
+def _view(name: str, value: float) -> float:
+    """The angle of a camera to its shaft: STEEPEST_VIEW at most."""
+    angle = float(finite("rad")["rule"](name, value))
+    if not 0.0 <= angle <= STEEPEST_VIEW:
+        allowed = f"from 0 to {STEEPEST_VIEW:.4g}, which is 70 degrees; are these degrees?"
+        raise refused(name, value, allowed, "rad")
+    return angle
 
 
 def _name(name: str, value: str) -> str:
@@ -114,7 +141,7 @@ class Camera:
     """
 
     field_of_view: float = field(default=math.radians(70.0), metadata=between(0.0, math.pi, "rad"))
-    angle: float = field(default=0.0, metadata=from_to(0.0, STEEPEST_VIEW, "rad"))
+    angle: float = field(default=0.0, metadata=rule(_view))
     roll: float = field(default=0.0, metadata=finite("rad"))
 
     @property
@@ -136,7 +163,7 @@ class Mount:
         rpy: (3,) turns about the flange's x, y and z, one after the other [rad].
     """
 
-    xyz: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(vector3))
+    xyz: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(_near))
     rpy: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(_rpy))
 
     @property
@@ -217,7 +244,7 @@ class Instrument:
         wrist: joints between the shaft and the tool; None for a tool that is fixed to the shaft.
     """
 
-    length: float = field(default=0.33, metadata=positive("m"))
+    length: float = field(default=0.33, metadata=rule(_length))
     radius: float = field(default=0.005, metadata=positive("m"))
     mount_offset: float = field(default=0.0, metadata=at_least(0.0, "m"))
     camera: Camera = field(default_factory=Camera, metadata=part(Camera))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+import traceback
 from pathlib import Path
 from types import ModuleType
 
@@ -43,3 +44,10 @@ def module_of_file(file: str | os.PathLike[str]) -> ModuleType:
     cloudpickle.register_pickle_by_value(module)
     _LOADED[name] = key
     return module
+
+
+def place_of(error: Exception) -> str | None:
+    """Where in a file of one's own an error was raised; None if it was not raised there."""
+    files = {str(path) for path, _ in _LOADED.values()}
+    own = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in files]
+    return f"{own[-1].filename}, line {own[-1].lineno}, in {own[-1].name}" if own else None

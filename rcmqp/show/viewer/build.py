@@ -104,8 +104,8 @@ def check_runs(runs: Sequence[Run]) -> Insertion:
         for name in differences(first, run.scenario):
             here, there = getattr(first, name), getattr(run.scenario, name)
             raise ViewError(
-                f"{run.title} cannot be laid over {runs[0].title}: {name} is {there!r} "
-                f"there and {here!r} here; only {' and '.join(MAY_DIFFER)} may differ. Show "
+                f"{run.title} cannot be laid over {runs[0].title}: {name} is {there!r:.200} "
+                f"there and {here!r:.200} here; only {' and '.join(MAY_DIFFER)} may differ. Show "
                 "runs of other scenarios in pages of their own"
             )
     for run in runs:
