@@ -55,6 +55,8 @@ def test_numbers_are_all_finite_or_not() -> None:
     assert all_finite(np.array([1.0, -1e308]))
     for wrong in (np.nan, np.inf, -np.inf):
         assert not all_finite(np.array([0.0, wrong, 0.0]))
+    assert all_finite([1.0, -2.0], 2.5)
+    assert not all_finite([1.0, -2.0], 2.0)
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova"])

@@ -153,7 +153,7 @@ class Controller(abc.ABC):
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
             stop = self.safe_stop(state, f"{type(error).__name__}: {error}")
             return dataclasses.replace(stop, error=error)
-        if not all_finite(answer.v) or float(np.abs(answer.v).max()) > ABSURD:
+        if not all_finite(answer.v, ABSURD):
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer

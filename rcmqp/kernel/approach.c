@@ -20,40 +20,75 @@
  * [unit of the rows]; one of twice as much is approached like that of a damped task. */
 #define AT_ONCE 1e-4
 
+/* Room for rounding in what the joints can do at least. */
+#define LESS 0.999
+
 /* What the joints can do along one direction of the task. */
 typedef struct {
     double acceleration, jerk;
 } Ability;
 
+/* What gives the joints' part in a direction: `least`, what they can do along any, is at hand; H,
+ * the factor that says what they can do along one, is made where it decides something. */
+typedef struct {
+    const Brakes *brakes;
+    const Approached *task;
+    Ability least;
+    double *H, *w; /* (n, n), (n) */
+    int made;
+} Joints;
+
 static double size_of_vector(const double *x, int m) { return sqrt(dot(x, x, m)); }
 
-/* The factor of what gives the joints' part in a direction. */
-static void prepare(const Brakes *brakes, const Approached *task, double *H)
+static double damping_of(const Approached *task)
+{
+    return task->damping > 0.0 ? task->damping : STRICT_DAMPING;
+}
+
+/* |w_j| is at most 1 / (2 damping) below, as damping^2 |w|^2 <= |A w| - |A w|^2. */
+static Joints make_joints(const Brakes *brakes, const Approached *task, Arena *arena)
 {
     const int n = brakes->n;
-    const double by = task->damping > 0.0 ? task->damping : STRICT_DAMPING;
+    const double by = LESS * 2.0 * damping_of(task);
+    Joints joints = {brakes, task, {INFINITY, INFINITY}, take(arena, n * n), take(arena, n), 0};
+    for (int p = 0; p < n; ++p) {
+        joints.least.acceleration = smaller(joints.least.acceleration, by * brakes->acceleration[p]);
+        joints.least.jerk = smaller(joints.least.jerk, by * brakes->jerk[p]);
+    }
+    return joints;
+}
+
+static void factor_joints(Joints *joints)
+{
+    const Approached *task = joints->task;
+    const int n = joints->brakes->n;
+    const double by = damping_of(task);
     for (int p = 0; p < n; ++p)
         for (int q = 0; q <= p; ++q) {
             double total = p == q ? by * by : 0.0;
             for (int i = 0; i < task->m; ++i) total += task->A[i * n + p] * task->A[i * n + q];
             for (int i = 0; i < task->above_rows; ++i)
                 total += ABOVE_WEIGHT * task->above[i * n + p] * task->above[i * n + q];
-            H[p * n + q] = total;
+            joints->H[p * n + q] = total;
         }
-    cholesky(H, n);
+    cholesky(joints->H, n);
+    joints->made = 1;
 }
 
 /* min_j limit_j / |w_j| of acceleration and jerk, with w = [above; A]^+ [0; x / |x|], damped. */
-static Ability ability(const Brakes *brakes, const Approached *task, const double *H,
-                       const double *x, double size, double *w)
+static Ability ability(Joints *joints, const double *x, double size)
 {
+    const Brakes *brakes = joints->brakes;
+    const Approached *task = joints->task;
     const int n = brakes->n;
+    double *w = joints->w;
     Ability found = {INFINITY, INFINITY};
+    if (!joints->made) factor_joints(joints);
     for (int p = 0; p < n; ++p) {
         w[p] = 0.0;
         for (int i = 0; i < task->m; ++i) w[p] += task->A[i * n + p] * (x[i] / size);
     }
-    cholesky_solve(H, n, w, 1);
+    cholesky_solve(joints->H, n, w, 1);
     for (int p = 0; p < n; ++p) {
         const double part = fabs(w[p]);
         if (brakes->acceleration[p] < INFINITY)
@@ -79,19 +114,29 @@ static double stop_speed(double distance, double acceleration, double jerk, doub
     return v / (1.0 + 2.0 * period * v / distance);
 }
 
-/* The wanted rate -phi e (m) of an error e. */
-static void wanted_rate(const Brakes *brakes, const Approached *task, const double *H,
-                        const double *e, double *rate, double *w)
+/* The speed over the distance, from which joints of some ability can stop. */
+static double stop_rate(const Brakes *brakes, Ability can, double distance)
 {
+    const double A = brakes->share * can.acceleration, jerk = EASING * can.jerk;
+    if (!(A < INFINITY || jerk < INFINITY)) return INFINITY;
+    return stop_speed(distance, A, jerk, brakes->period) / distance;
+}
+
+/* The wanted rate -phi e (m) of an error e. */
+static void wanted_rate(Joints *joints, const double *e, double *rate)
+{
+    const Approached *task = joints->task;
     const double d = size_of_vector(e, task->m);
     double phi = task->gain;
-    if (d > NO_SIZE) {
-        const Ability can = ability(brakes, task, H, e, d, w);
-        const double A = brakes->share * can.acceleration, jerk = EASING * can.jerk;
-        if (A < INFINITY || jerk < INFINITY)
-            phi = smaller(phi, stop_speed(d, A, jerk, brakes->period) / d);
-    }
+    if (d > NO_SIZE && stop_rate(joints->brakes, joints->least, d) < phi)
+        phi = smaller(phi, stop_rate(joints->brakes, ability(joints, e, d), d));
     for (int i = 0; i < task->m; ++i) rate[i] = -phi * e[i];
+}
+
+/* How much of a gap may be made up for in a cycle. */
+static double largest_change(double gap, double jerk, double T)
+{
+    return jerk < INFINITY ? T * braking_speed(gap, jerk, T) : gap;
 }
 
 /* What d(error)/dt a task may ask for, rate (m).
@@ -121,25 +166,23 @@ void approach_rate(const Brakes *brakes, const Approached *task, double *rate, A
         limited = limited || brakes->acceleration[p] < INFINITY || brakes->jerk[p] < INFINITY;
     if (!limited || !(brakes->share > 0.0)) return;
     const size_t mark = arena->used;
-    double *H = take(arena, n * n), *w = take(arena, n), *now = take(arena, m);
-    double *next = take(arena, m), *later = take(arena, m);
+    double *now = take(arena, m), *next = take(arena, m), *later = take(arena, m);
     double *left = take(arena, m), *kept = take(arena, m);
-    prepare(brakes, task, H);
-    wanted_rate(brakes, task, H, task->e, rate, w);
+    Joints joints = make_joints(brakes, task, arena);
+    wanted_rate(&joints, task->e, rate);
     for (int i = 0; i < m; ++i) {
         now[i] = dot(task->A + i * n, brakes->v, n) - task->carried[i];
         next[i] = task->e[i] + T * now[i];
     }
-    wanted_rate(brakes, task, H, next, later, w);
+    wanted_rate(&joints, next, later);
     for (int i = 0; i < m; ++i) {
         later[i] += now[i] - rate[i]; /* the rate now, with the change of the wanted one */
         left[i] = rate[i] - later[i];
         kept[i] = rate[i] - now[i] - T * dot(task->A + i * n, brakes->a, n);
     }
     const double gap = size_of_vector(left, m);
-    if (gap > NO_SIZE) {
-        const double jerk = ability(brakes, task, H, left, gap, w).jerk;
-        const double most = jerk < INFINITY ? T * braking_speed(gap, jerk, T) : gap;
+    if (gap > NO_SIZE && largest_change(gap, joints.least.jerk, T) < gap) {
+        const double jerk = ability(&joints, left, gap).jerk, most = largest_change(gap, jerk, T);
         double at_once = clipped(2.0 - size_of_vector(kept, m) / (jerk * T * T), 0.0, 1.0);
         if (!(task->damping > 0.0)) {
             const double small = smaller(AT_ONCE, 0.25 * jerk / (K * K * K));

@@ -27,12 +27,16 @@ double norm_of(const double *x, int count)
     return largest;
 }
 
-/* dot product of a row with column j of Z */
-static double along(const State *state, const double *row, int j)
+/* A row in the free coordinates, times a factor: row Z (free). */
+static void along(const State *state, const double *row, double by, double *found)
 {
-    double total = 0.0;
-    for (int p = 0; p < state->n; ++p) total += row[p] * state->Z[p * state->n + j];
-    return total;
+    const int n = state->n, free = state->free;
+    for (int j = 0; j < free; ++j) found[j] = 0.0;
+    for (int p = 0; p < n; ++p) {
+        const double *Z = state->Z + p * n, part = row[p];
+        for (int j = 0; j < free; ++j) found[j] += part * Z[j];
+    }
+    for (int j = 0; j < free; ++j) found[j] *= by;
 }
 
 /* Z <- Z Q[:, rank:]; Q (free, free). */
@@ -61,9 +65,8 @@ void narrow(State *state, const double *rows, int count, double tol, Arena *aren
     double *B = take(arena, count * free), *L = take(arena, count * free);
     double *Q = take(arena, free * free);
     int *order = (int *)take(arena, count);
-    for (int i = 0; i < count; ++i)
-        for (int j = 0; j < free; ++j) B[i * free + j] = along(state, rows + i * state->n, j);
-    turn(state, Q, factor(B, count, free, tol, L, Q, order), arena);
+    for (int i = 0; i < count; ++i) along(state, rows + i * state->n, 1.0, B + i * free);
+    turn(state, Q, factor(B, count, free, tol, L, Q, order, arena), arena);
     arena->used = mark;
 }
 
@@ -83,11 +86,9 @@ static void speed_rows(const State *state, const Level *level, double *speed, Ar
     double *C = take(arena, all * free), *W = take(arena, all * free);
     double *S = take(arena, all * all), *L = take(arena, free * free);
     for (int i = 0; i < m; ++i)
-        for (int j = 0; j < free; ++j)
-            C[i * free + j] = along(state, level->A + i * n, j) / level->damping;
+        along(state, level->A + i * n, 1.0 / level->damping, C + i * free);
     for (int i = 0; i < state->held; ++i)
-        for (int j = 0; j < free; ++j)
-            C[(m + i) * free + j] = EXCHANGE * along(state, state->H + i * n, j);
+        along(state, state->H + i * n, EXCHANGE, C + (m + i) * free);
     for (int i = 0; i < all; ++i)
         for (int j = 0; j <= i; ++j)
             S[i * all + j] = dot(C + i * free, C + j * free, free) + (i == j ? 1.0 : 0.0);
@@ -137,15 +138,15 @@ static void step_rows(const State *state, const Level *level, double *speed, Are
 static double add_row(const State *state, const double *a, double b, double weight, int i,
                       Problem *problem)
 {
-    const int n = state->n, free = state->free;
-    double av = 0.0, noise = fabs(b / weight);
-    for (int p = 0; p < n; ++p) {
-        const double term = a[p] / weight * state->v[p];
+    const double by = 1.0 / weight;
+    double av = 0.0, noise = fabs(b);
+    for (int p = 0; p < state->n; ++p) {
+        const double term = a[p] * state->v[p];
         av += term, noise += fabs(term);
     }
-    problem->c[i] = b / weight - av, problem->noise[i] = EPS * noise;
-    for (int j = 0; j < free; ++j) problem->M[i * free + j] = along(state, a, j) / weight;
-    return av;
+    problem->c[i] = by * (b - av), problem->noise[i] = EPS * by * noise;
+    along(state, a, by, problem->M + i * state->free);
+    return by * av;
 }
 
 /* What row i of the damped levels above is to be. */
@@ -191,7 +192,7 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
         if (state->lower[i] == -INFINITY && state->upper[i] == INFINITY) continue;
         const double Gv = dot(state->G + i * n, state->v, n);
         double *row = R + problem->k * free;
-        for (int j = 0; j < free; ++j) row[j] = along(state, state->G + i * n, j);
+        along(state, state->G + i * n, 1.0, row);
         if (!(dot(row, row, free) > FIXED * FIXED)) continue;
         lower[problem->k] = smaller(state->lower[i] - Gv, 0.0);
         upper[problem->k] = larger(state->upper[i] - Gv, 0.0);
@@ -275,7 +276,7 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
         Problem problem;
         State open = *state;
         open.upper = relaxed;
-        const Level rows = {m, A, b, damping, damping, NULL};
+        const Level rows = {m, A, b, damping, damping, NULL, 0};
         make_problem(&open, &rows, &problem, speed, still, index, arena);
         if (overflows(&problem)) {
             route = KEPT;
@@ -332,7 +333,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     const size_t mark = arena->used;
     const int free = state->free, m = level->m;
     const int all = m + state->held + (level->damping > 0.0 ? free : 0);
-    double *y = take(arena, free), *Q = take(arena, free * free), *U = take(arena, all * all);
+    double *y = take(arena, free), *Q = take(arena, free * free);
     int *index = (int *)take(arena, state->N), range;
     Route route = CLOSED_FORM;
     Problem problem;
@@ -345,15 +346,17 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
         route = KEPT;
         goto done;
     }
-    const int rank = pseudo_solve(problem.M, all, free, problem.c, problem.tol, y, Q, U, &range, arena);
+    const int strict = !(level->damping > 0.0) && !level->last, alone = state->held == 0;
+    const int rank = pseudo_solve(problem.M, all, free, problem.c, problem.tol, y,
+                                  strict && alone ? Q : NULL, NULL, &range, arena);
     if (rank >= 0 && feasible(&problem, y)) {
         move(state, y);
         if (level->damping > 0.0)
             hold(state, level);
-        else if (state->held)
-            keep(state, level, problem.weight, NULL, 0, arena);
-        else
+        else if (strict && alone)
             turn(state, Q, rank, arena);
+        else if (strict)
+            keep(state, level, problem.weight, NULL, 0, arena);
         goto done;
     }
     double *guess = take(arena, k), *lam = take(arena, k);
@@ -388,7 +391,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     }
     if (level->damping > 0.0)
         hold(state, level);
-    else
+    else if (strict)
         keep(state, level, problem.weight, strong, count, arena);
 done:
     arena->used = mark;

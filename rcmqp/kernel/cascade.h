@@ -77,6 +77,7 @@ typedef struct {
     double damping;  /* unit of the rows per unit of v */
     double speed;    /* and inside bounds, likewise; the damping, or more */
     const double *from; /* (n) inside bounds, the v from which speed counts; NULL: zero, and L */
+    int last;           /* 1 where no level follows, so that what it leaves free is not needed */
 } Level;
 
 /* A feasible point and the directions in which it may still move. */

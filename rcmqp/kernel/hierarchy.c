@@ -145,7 +145,7 @@ static Level level_of(const Hierarchy *hierarchy, const Descent *descent, const 
 {
     const int first = first_row(hierarchy, k);
     return (Level){rows_of(hierarchy, k), descent->A + first * hierarchy->n, b + first,
-                   descent->damping[k], descent->damping[k], NULL};
+                   descent->damping[k], descent->damping[k], NULL, k == hierarchy->levels};
 }
 
 /* By how much v exceeds the hard rows, in the caller's unit. */
@@ -515,7 +515,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     over /= larger(small, size);
     solution->info[REACHED] =
         residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, 0.0, solution->violation);
-    Level exceeded = {0, rows, goal, descent->damping[0], descent->damping[0], NULL};
+    Level exceeded = {0, rows, goal, descent->damping[0], descent->damping[0], NULL, 0};
     for (int i = 0; i < m; ++i) {
         if (!(solution->violation[i] > 0.0)) continue;
         memcpy(rows + exceeded.m * n, hierarchy->C + i * n, sizeof(double) * (size_t)n);

@@ -98,7 +98,7 @@ static void start_at(const Problem *problem, const double *proposed, Working *wo
         memcpy(rows + count * r, problem->R + i * r, sizeof(double) * (size_t)r);
         index[count++] = i;
     }
-    working->count = factor(rows, count, r, INDEPENDENT, L, Q, order);
+    working->count = factor(rows, count, r, INDEPENDENT, L, Q, order, arena);
     for (int a = 0; a < working->count; ++a) {
         const int i = index[order[a]];
         working->rows[a] = i, working->held[i] = proposed[i];
@@ -166,7 +166,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
     const double *M = problem->M, *c = problem->c;
     Working working = {0, (int *)take(arena, r), take(arena, k)};
     double *held = working.held, *near = take(arena, k), *rows = take(arena, r * r);
-    double *L = take(arena, r * r), *Q = take(arena, r * r), *free = take(arena, r * r);
+    double *L = take(arena, r * r), *Q = take(arena, r * r);
     double *MN = take(arena, m * r), *U = take(arena, m * m), *left = take(arena, m);
     double *step = take(arena, r), *w = take(arena, r), *g = take(arena, r);
     int *order = (int *)take(arena, r), stalls = 0, status = -max_rounds;
@@ -181,7 +181,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
         double side;
         for (int a = 0; a < count; ++a)
             memcpy(rows + a * r, problem->R + working.rows[a] * r, sizeof(double) * (size_t)r);
-        factor(rows, count, r, 0.0, L, Q, order);
+        factor(rows, count, r, 0.0, L, Q, order, arena);
         for (int a = 0; a < count; ++a) { /* back onto the bounds, where steps have drifted off */
             const int i = working.rows[order[a]];
             const double bound = held[i] > 0.0 ? problem->upper[i] : problem->lower[i];
@@ -197,7 +197,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
                 MN[i * n_free + b] = total;
             }
         }
-        pseudo_solve(MN, m, n_free, left, problem->tol, w, free, U, &range, arena);
+        pseudo_solve(MN, m, n_free, left, problem->tol, w, NULL, U, &range, arena);
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
         if (turn == 0 && count > 0) {
             advance(y, 1.0, step, r);

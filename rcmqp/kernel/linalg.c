@@ -3,18 +3,26 @@
 #include <math.h>
 #include <string.h>
 
-/* Row space of A (k, r): A[order] = L Q[:, :rank]^T, by Householder with row pivoting.
+/* x (r) <- reflector j of L, see reduce(), times x. */
+static void reflect(const double *L, int r, int j, const double *head, double *x)
+{
+    const double *u = L + j * r + j + 1;
+    double *tail = x + j + 1;
+    const int count = r - j - 1;
+    const double by = -(head[j] * x[j] + dot(u, tail, count)) / (L[j * r + j] * head[j]);
+    x[j] -= by * head[j];
+    for (int p = 0; p < count; ++p) tail[p] -= by * u[p];
+}
+
+/* L (k, r) in place, by Householder with row pivoting: L[order] is lower trapezoidal times Q1^T.
  *
- * L (k, r) is lower trapezoidal, its first `rank` columns count; Q (r, r) is orthonormal, its
- * columns from rank on span the null space of A; order (k) says which row of A each row of L is.
- * Returns the rank: rows with less than tol left of them are dependent. */
-int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order)
+ * Above its diagonal, row j keeps the reflector 1 - beta u u^T that made it: u from column j + 1
+ * on, its first number in head (min(k, r)). Returns the rank: rows with less than tol left of them
+ * are dependent. */
+static int reduce(double *L, int k, int r, double tol, double *head, int *order)
 {
     int rank = 0;
     for (int i = 0; i < k; ++i) order[i] = i;
-    memcpy(L, A, sizeof(double) * (size_t)(k * r));
-    memset(Q, 0, sizeof(double) * (size_t)(r * r));
-    for (int i = 0; i < r; ++i) Q[i * r + i] = 1.0;
     for (int j = 0; j < k && j < r; ++j) {
         double best = 0.0;
         int at = j;
@@ -32,22 +40,53 @@ int factor(const double *A, int k, int r, double tol, double *L, double *Q, int 
                 L[j * r + p] = L[at * r + p], L[at * r + p] = swap;
             }
         }
-        double *u = L + j * r; /* the reflector 1 - beta u u^T; u[j] apart, until the end */
+        double *u = L + j * r;
         const double alpha = u[j] > 0.0 ? -norm : norm;
-        u[j] -= alpha;
-        const double beta = -1.0 / (alpha * u[j]);
-        for (int i = j + 1; i < k; ++i) {
-            const double by = beta * dot(L + i * r + j, u + j, r - j);
-            for (int p = j; p < r; ++p) L[i * r + p] -= by * u[p];
-        }
-        for (int i = 0; i < r; ++i) {
-            const double by = beta * dot(Q + i * r + j, u + j, r - j);
-            for (int p = j; p < r; ++p) Q[i * r + p] -= by * u[p];
-        }
-        u[j] = alpha;
-        for (int p = j + 1; p < r; ++p) u[p] = 0.0;
+        head[j] = u[j] - alpha, u[j] = alpha;
+        for (int i = j + 1; i < k; ++i) reflect(L, r, j, head, L + i * r);
         ++rank;
     }
+    return rank;
+}
+
+/* Q (r, r), the product of the reflectors of L. */
+static void expand(const double *L, int r, int rank, const double *head, double *Q, Arena *arena)
+{
+    const size_t mark = arena->used;
+    double *sum = take(arena, r);
+    memset(Q, 0, sizeof(double) * (size_t)(r * r));
+    for (int i = 0; i < r; ++i) Q[i * r + i] = 1.0;
+    for (int j = rank - 1; j >= 0; --j) {
+        const double beta = -1.0 / (L[j * r + j] * head[j]);
+        for (int c = j; c < r; ++c) sum[c] = 0.0;
+        for (int i = j; i < r; ++i) {
+            const double u = i == j ? head[j] : L[j * r + i];
+            for (int c = j; c < r; ++c) sum[c] += u * Q[i * r + c];
+        }
+        for (int i = j; i < r; ++i) {
+            const double by = beta * (i == j ? head[j] : L[j * r + i]);
+            for (int c = j; c < r; ++c) Q[i * r + c] -= by * sum[c];
+        }
+    }
+    arena->used = mark;
+}
+
+/* Row space of A (k, r): A[order] = L Q[:, :rank]^T.
+ *
+ * L (k, r) is lower trapezoidal, its first `rank` columns count; Q (r, r) is orthonormal, its
+ * columns from rank on span the null space of A; order (k) says which row of A each row of L is.
+ * Returns the rank: rows with less than tol left of them are dependent. */
+int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order,
+           Arena *arena)
+{
+    const size_t mark = arena->used;
+    double *head = take(arena, r);
+    memcpy(L, A, sizeof(double) * (size_t)(k * r));
+    const int rank = reduce(L, k, r, tol, head, order);
+    expand(L, r, rank, head, Q, arena);
+    for (int j = 0; j < rank; ++j)
+        for (int p = j + 1; p < r; ++p) L[j * r + p] = 0.0;
+    arena->used = mark;
     return rank;
 }
 
@@ -55,26 +94,27 @@ int factor(const double *A, int k, int r, double tol, double *L, double *Q, int 
  * with less than tol left of them are dependent.
  *
  * Q (r, r): columns from rank on span the null space of M. Where rank < m, the first *range
- * columns of U (m, m) span the range of M; otherwise *range is -1: the range is everything.
- * Returns the rank, or -1 where the numbers are no numbers. */
+ * columns of U (m, m) span the range of M; otherwise *range is -1: the range is everything. Q and
+ * U are not made where they are NULL. Returns the rank, or -1 where the numbers are no numbers. */
 int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,
                  double *U, int *range, Arena *arena)
 {
     const size_t mark = arena->used;
-    const int size = m > r ? m : r;
-    double *L = take(arena, m * r), *w = take(arena, size), *e = take(arena, size);
-    double *left = take(arena, size), *S = NULL;
-    int *order = (int *)take(arena, m), *turn = NULL;
+    double *L = take(arena, m * r), *S = NULL, *w = take(arena, m > r ? m : r);
+    double *heads = take(arena, r), *tops = take(arena, r), *left = take(arena, m);
+    int *order = (int *)take(arena, m), *turn = (int *)take(arena, r);
     memset(y, 0, sizeof(double) * (size_t)r);
-    int rank = factor(M, m, r, tol, L, Q, order);
-    const int tall = rank < m;
+    memcpy(L, M, sizeof(double) * (size_t)(m * r));
+    int rank = reduce(L, m, r, tol, heads, order);
+    const int found = rank, tall = rank < m;
     *range = tall ? rank : -1;
+    if (Q != NULL) expand(L, r, rank, heads, Q, arena);
     if (tall && rank > 0) { /* M = T^T Q1^T with T (rank, m) = L^T; T[turn] = S U1^T */
-        double *T = take(arena, rank * m);
-        S = take(arena, rank * m), turn = (int *)take(arena, rank);
+        S = take(arena, rank * m);
         for (int i = 0; i < rank; ++i)
-            for (int j = 0; j < m; ++j) T[i * m + order[j]] = L[j * r + i];
-        if (factor(T, rank, m, 0.0, S, U, turn) < rank) rank = -1;
+            for (int j = 0; j < m; ++j) S[i * m + order[j]] = j < i ? 0.0 : L[j * r + i];
+        if (reduce(S, rank, m, 0.0, tops, turn) < rank) rank = -1;
+        else if (U != NULL) expand(S, m, rank, tops, U, arena);
     }
     for (int refined = 0; refined < 2 && rank > 0; ++refined) {
         for (int i = 0; i < m; ++i) left[i] = c[i] - dot(M + i * r, y, r);
@@ -82,17 +122,16 @@ int pseudo_solve(const double *M, int m, int r, const double *c, double tol, dou
             for (int i = 0; i < rank; ++i)
                 w[i] = (left[order[i]] - dot(L + i * r, w, i)) / L[i * r + i];
         } else {
-            for (int i = 0; i < rank; ++i) {
-                e[i] = 0.0;
-                for (int j = 0; j < m; ++j) e[i] += U[j * m + i] * left[j];
-            }
+            for (int j = 0; j < rank; ++j) reflect(S, m, j, tops, left);
             for (int i = rank - 1; i >= 0; --i) {
-                double total = e[i];
+                double total = left[i];
                 for (int j = i + 1; j < rank; ++j) total -= S[j * m + i] * w[turn[j]];
                 w[turn[i]] = total / S[i * m + i];
             }
         }
-        for (int j = 0; j < r; ++j) y[j] += dot(Q + j * r, w, rank);
+        for (int i = rank; i < r; ++i) w[i] = 0.0;
+        for (int j = found - 1; j >= 0; --j) reflect(L, r, j, heads, w);
+        for (int j = 0; j < r; ++j) y[j] += w[j];
     }
     arena->used = mark;
     return rank;
@@ -111,17 +150,19 @@ void cholesky(double *A, int n)
 /* B (n, columns) <- A^-1 B, with L the lower factor of A. */
 void cholesky_solve(const double *L, int n, double *B, int columns)
 {
-    for (int c = 0; c < columns; ++c) {
-        for (int i = 0; i < n; ++i) {
-            double total = B[i * columns + c];
-            for (int j = 0; j < i; ++j) total -= L[i * n + j] * B[j * columns + c];
-            B[i * columns + c] = total / L[i * n + i];
-        }
-        for (int i = n - 1; i >= 0; --i) {
-            double total = B[i * columns + c];
-            for (int j = i + 1; j < n; ++j) total -= L[j * n + i] * B[j * columns + c];
-            B[i * columns + c] = total / L[i * n + i];
-        }
+    for (int i = 0; i < n; ++i) {
+        double *row = B + i * columns;
+        const double by = 1.0 / L[i * n + i];
+        for (int j = 0; j < i; ++j)
+            for (int c = 0; c < columns; ++c) row[c] -= L[i * n + j] * B[j * columns + c];
+        for (int c = 0; c < columns; ++c) row[c] *= by;
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        double *row = B + i * columns;
+        const double by = 1.0 / L[i * n + i];
+        for (int j = i + 1; j < n; ++j)
+            for (int c = 0; c < columns; ++c) row[c] -= L[j * n + i] * B[j * columns + c];
+        for (int c = 0; c < columns; ++c) row[c] *= by;
     }
 }
 
@@ -153,7 +194,7 @@ double nnls(double *B, int k, int r, const double *g, double *lam, Arena *arena)
                 memcpy(rows + count * r, B + i * r, sizeof(double) * (size_t)r);
                 index[count++] = i;
             }
-            if (factor(rows, count, r, 1e-12, L, Q, order) < count) {
+            if (factor(rows, count, r, 1e-12, L, Q, order, arena) < count) {
                 const int useless = passive[at] ? at : index[order[count - 1]];
                 passive[useless] = 0;
                 memset(B + useless * r, 0, sizeof(double) * (size_t)r);

@@ -49,7 +49,8 @@ static inline double clipped(double value, double low, double up)
     return value < low ? low : value > up ? up : value;
 }
 
-int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order);
+int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order,
+           Arena *arena);
 
 int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,
                  double *U, int *range, Arena *arena);

@@ -116,7 +116,7 @@ static double manipulability(const double *J, int n, double *gradient, Arena *ar
         arena->used = mark;
         return manipulability_of_few(J, n, gradient, arena);
     }
-    if (factor(J, 6, n, 0.0, L, Q, order) < 6) {
+    if (factor(J, 6, n, 0.0, L, Q, order, arena) < 6) {
         arena->used = mark;
         return 0.0;
     }

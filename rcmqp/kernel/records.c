@@ -9,6 +9,30 @@ PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
+/* A copy as float64, C-contiguous; quick for float64 arrays of one or two dimensions. */
+static PyArrayObject *copy_of(PyObject *values)
+{
+    PyArrayObject *from = (PyArrayObject *)values;
+    if (!PyArray_Check(values) || PyArray_TYPE(from) != NPY_DOUBLE || PyArray_NDIM(from) > 2 ||
+        PyArray_NDIM(from) == 0 || !PyArray_ISBEHAVED_RO(from)) {
+        const int flags = NPY_ARRAY_CARRAY | NPY_ARRAY_ENSURECOPY | NPY_ARRAY_ENSUREARRAY;
+        return (PyArrayObject *)PyArray_FromAny(values, PyArray_DescrFromType(NPY_DOUBLE), 0, 0,
+                                                flags | NPY_ARRAY_FORCECAST, NULL);
+    }
+    PyArrayObject *made = (PyArrayObject *)PyArray_SimpleNew(PyArray_NDIM(from),
+                                                             PyArray_DIMS(from), NPY_DOUBLE);
+    if (made == NULL) return NULL;
+    const npy_intp last = PyArray_NDIM(from) - 1, width = PyArray_DIM(from, (int)last);
+    const npy_intp height = last > 0 ? PyArray_DIM(from, 0) : 1;
+    double *to = PyArray_DATA(made);
+    for (npy_intp i = 0; i < height; ++i) {
+        const char *row = PyArray_BYTES(from) + (last > 0 ? i * PyArray_STRIDE(from, 0) : 0);
+        for (npy_intp j = 0; j < width; ++j, row += PyArray_STRIDE(from, (int)last))
+            *to++ = *(const double *)row;
+    }
+    return made;
+}
+
 /* frozen(values, size, ...): a copy of that shape (-1: any size) as float64, C-contiguous, that
  * cannot be written; None if the shape is another. */
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
@@ -18,9 +42,7 @@ PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
         PyErr_Format(PyExc_TypeError, "frozen() takes values and a shape, %zd given", count);
         return NULL;
     }
-    const int flags = NPY_ARRAY_CARRAY | NPY_ARRAY_ENSURECOPY | NPY_ARRAY_ENSUREARRAY;
-    PyArrayObject *array = (PyArrayObject *)PyArray_FromAny(
-        args[0], PyArray_DescrFromType(NPY_DOUBLE), 0, 0, flags | NPY_ARRAY_FORCECAST, NULL);
+    PyArrayObject *array = copy_of(args[0]);
     if (array == NULL) return NULL;
     int fits = PyArray_NDIM(array) == count - 1;
     for (int i = 0; fits && i < PyArray_NDIM(array); ++i) {
@@ -85,14 +107,18 @@ PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count)
     return next;
 }
 
-/* all_finite(values): whether every number is finite. */
+/* all_finite(values), all_finite(values, below): whether every number is finite; or smaller in size
+ * than that. */
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("all_finite", count, 1)) return NULL;
-    PyArrayObject *array = numbers_in(args[0]);
+    if (count != 2 && !counted("all_finite", count, 1)) return NULL;
+    const double below = count == 2 ? PyFloat_AsDouble(args[1]) : INFINITY;
+    PyArrayObject *array = PyErr_Occurred() ? NULL : numbers_in(args[0]);
     if (array == NULL) return NULL;
-    const int all = are_finite(PyArray_DATA(array), PyArray_SIZE(array));
+    const double *numbers = PyArray_DATA(array);
+    int all = 1;
+    for (npy_intp i = 0; i < PyArray_SIZE(array); ++i) all = all && fabs(numbers[i]) < below;
     Py_DECREF(array);
     return PyBool_FromLong(all);
 }

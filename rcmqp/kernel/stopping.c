@@ -96,9 +96,18 @@ static double reach(double v, double a, double most)
     return (n + 1.0) * (v + 0.5 * n * (a + (n + 2.0) / 3.0));
 }
 
+/* No less than reach(v, a), and quick: a falls to zero first, then the joint stops from there. */
+static double farthest(double v, double a, double most)
+{
+    const double on = larger(a, 0.0), fastest = v + 0.5 * on * (on + 1.0);
+    if (!(fastest > 0.0)) return 0.0;
+    return fastest * (on + sqrt(fastest) + 0.5 * fastest / most + 4.0);
+}
+
 /* The largest a in [low, high] with reach(v + a, a) <= distance; low if there is none. */
 static double highest(double v, double low, double high, double distance, double most)
 {
+    if (farthest(v + high, high, most) <= distance) return high;
     const double close = CLOSE * larger(1.0, fabs(distance));
     double over = reach(v + high, high, most) - distance;
     if (!(over > 0.0)) return high;

@@ -67,7 +67,7 @@ void decompose(const double *A, int m, int n, int with_W, Svd *svd, Arena *arena
     svd->Q = take(arena, n * n);
     double *L = take(arena, m * n);
     int *order = (int *)take(arena, m);
-    factor(A, m, n, 0.0, L, svd->Q, order);
+    factor(A, m, n, 0.0, L, svd->Q, order, arena);
     for (int i = 0; i < r; ++i)
         for (int k = 0; k < m; ++k) svd->G[i * m + order[k]] = L[k * n + i];
     if (r == RANK && m == 8)
