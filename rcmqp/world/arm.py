@@ -25,6 +25,7 @@ from rcmqp.world.limited import Limited
 
 _LOCAL = pin.ReferenceFrame.LOCAL
 _jacobians, _placement = pin.computeJointJacobians, pin.updateFramePlacement
+_frozen = _kernel.frozen
 _jacobian, _xyzquat = pin.getFrameJacobian, pin.SE3ToXYZQUAT
 
 _LEVI_CIVITA: Array = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)
@@ -269,21 +270,23 @@ class Arm(Limited):
             InvalidCommand: q, v or a has the wrong size.
         """
         nq, nv = self._sizes
-        q = _sized(q, nq, "configuration q", self._hint(q))
+        here = _frozen(q, nq)
+        if here is None:
+            raise _wrong_size("configuration q", q, nq, self._hint(q))
         v = self._still if v is None else _sized(v, nv, "joint velocity v")
         a = self._still if a is None else _sized(a, nv, "joint acceleration a")
         model, data, effector = self._kinematics, self._scratch.data, self._effector
-        _jacobians(model, data, q)  # runs forward kinematics too
+        _jacobians(model, data, here)  # runs forward kinematics too
         oMe = _placement(model, data, effector)
-        J_local = _kernel.frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
+        J_local = _frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
         x = _kernel.from_xyzquat(_xyzquat(oMe))
-        angles = q if nq == nv else self._frozen_angles(q)
+        angles = here if nq == nv else self._frozen_angles(here)
         tool = self._tip
         if self.wrist is not None:
             oMt = _placement(model, data, self._tool)
-            J_t = _kernel.frozen(_jacobian(model, data, self._tool, _LOCAL), 6, nv)
+            J_t = _frozen(_jacobian(model, data, self._tool, _LOCAL), 6, nv)
             tool = _kernel.from_xyzquat(_xyzquat(oMt)), J_t
-        return _kernel.record(ArmState, q, angles, oMe, x, J_local, v, a, tool)
+        return _kernel.record(ArmState, here, angles, oMe, x, J_local, v, a, tool)
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
@@ -439,12 +442,16 @@ def kinematic_hessian(J_local: Array) -> Array:
     return np.asarray(beyond * np.concatenate([w_x_v - w_x_v.transpose(0, 2, 1), w_x_w]))
 
 
-def _sized(values: ArrayLike, size: int, what: str, hint: str = "") -> Array:
+def _sized(values: ArrayLike, size: int, what: str) -> Array:
     """A copy (size,) of the values that cannot be written."""
-    array = _kernel.frozen(values, size)
+    array = _frozen(values, size)
     if array is None:
-        raise InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},){hint}")
+        raise _wrong_size(what, values, size)
     return array
+
+
+def _wrong_size(what: str, values: ArrayLike, size: int, hint: str = "") -> InvalidCommand:
+    return InvalidCommand(f"{what} has shape {np.shape(values)}, it must be ({size},){hint}")
 
 
 def _checked(values: ArrayLike, size: int, what: str) -> Array:
