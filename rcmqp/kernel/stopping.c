@@ -10,10 +10,13 @@
 /* A speed that no joint has; where none is given [rad/s]. */
 #define FASTEST 1e6
 
-/* Cuts of a bracket; how narrow it becomes, and how close to the distance, as a share, it ends. */
+/* Cuts of a bracket, from which on only by half, how narrow it becomes, and how close to the
+ * distance, as a share, a search ends; steps to its first guess. */
 #define CUTS 100
+#define PATIENCE 12
 #define NARROW 1e-14
 #define CLOSE 1e-14
+#define GUESSES 4
 
 #define ROUNDING 1e-12
 
@@ -63,17 +66,24 @@ static double end_of_stop(double v, double a, double most)
     double guess = a + sqrt(larger(0.0, 4.0 * v + 2.0 * a * (a - 1.0)));
     if (0.5 * (guess - a) > most) guess = (v + ramp(a + most)) / most + 0.5 * (most + 1.0);
     double low = larger(floor(guess), fabs(a)), high = floor(low) + 1.0;
-    for (int i = 0; i < CUTS && taken(low, a, most) > v && low > fabs(a); ++i)
-        high = low, low = larger(ceil(low) - 1.0, fabs(a));
-    for (int i = 0; i < CUTS && taken(high, a, most) < v; ++i) low = high, high += 1.0;
+    double least = taken(low, a, most), greatest = taken(high, a, most);
+    for (int i = 0; i < CUTS && least > v && low > fabs(a); ++i) {
+        high = low, greatest = least, low = larger(ceil(low) - 1.0, fabs(a));
+        least = taken(low, a, most);
+    }
+    for (int i = 0; i < CUTS && greatest < v; ++i) {
+        low = high, least = greatest, high += 1.0;
+        greatest = taken(high, a, most);
+    }
     const double knots[3] = {2.0 * ceil(0.5 * (a + low)) - a, most + ceil(low - most),
                              a + 2.0 * most};
     for (int i = 0; i < 3; ++i)
         if (low < knots[i] && knots[i] < high) {
-            if (taken(knots[i], a, most) <= v) low = knots[i];
-            else high = knots[i];
+            const double between = taken(knots[i], a, most);
+            if (between <= v) low = knots[i], least = between;
+            else high = knots[i], greatest = between;
         }
-    const double least = taken(low, a, most), rise = taken(high, a, most) - least;
+    const double rise = greatest - least;
     return rise > 0.0 && v > least ? low + (high - low) * smaller(1.0, (v - least) / rise) : low;
 }
 
@@ -104,25 +114,57 @@ static double farthest(double v, double a, double most)
     return fastest * (on + sqrt(fastest) + 0.5 * fastest / most + 4.0);
 }
 
-/* The largest a in [low, high] with reach(v + a, a) <= distance; low if there is none. */
+/* reach(v + a, a) of time that is not cut into cycles, for motions that go on, and its derivative by
+ * a: first a falls to zero, or is taken as a part of a stop that has begun. */
+static double smooth_reach(double v, double a, double most, double *slope)
+{
+    const double now = v + a, peak = larger(now + 0.5 * a * a, 0.0), root = sqrt(peak);
+    const double way = peak < most * most ? peak * root : 0.5 * peak * (peak / most + most);
+    const double rise = peak < most * most ? 1.5 * root : peak / most + 0.5 * most;
+    *slope = rise * (1.0 + a) + now + a + a * a;
+    return way + a * now + a * a * a / 3.0;
+}
+
+/* About the largest a with smooth_reach(v, a) <= distance, in [low, high], and the slope there. */
+static double smooth_highest(double v, double low, double high, double distance, double most,
+                             double *slope)
+{
+    const double half = 0.5 * most * most;
+    const double peak = distance < most * most * most
+                            ? cbrt(distance * distance)
+                            : sqrt(half * half + 2.0 * distance * most) - half;
+    double a = clipped(sqrt(larger(0.0, 1.0 + 2.0 * (peak - v))) - 1.0, low, high);
+    for (int i = 0; i < GUESSES; ++i) {
+        const double excess = smooth_reach(v, a, most, slope) - distance;
+        if (!(*slope > 0.0)) break;
+        a = clipped(a - excess / *slope, low, high);
+    }
+    smooth_reach(v, a, most, slope);
+    return a;
+}
+
+/* The largest a in [low, high] with reach(v + a, a) <= distance; low if there is none.
+ *
+ * From a guess on, by secants, kept between what is known to be too low and too high; now and
+ * then by half. */
 static double highest(double v, double low, double high, double distance, double most)
 {
+    const double close = CLOSE * larger(1.0, fabs(distance)), least = low, greatest = high;
     if (farthest(v + high, high, most) <= distance) return high;
-    const double close = CLOSE * larger(1.0, fabs(distance));
-    double over = reach(v + high, high, most) - distance;
-    if (!(over > 0.0)) return high;
-    double under = reach(v + low, low, most) - distance;
-    if (under > 0.0) return low;
-    for (int i = 0, side = 0; i < CUTS && high - low > NARROW * larger(1.0, fabs(high)); ++i) {
-        double middle = low + (high - low) * (under / (under - over)); /* of the secant */
-        if (i % 4 == 3 || !(low < middle && middle < high)) middle = low + 0.5 * (high - low);
-        const double excess = reach(v + middle, middle, most) - distance;
-        if (fabs(excess) <= close) return middle;
-        if (excess > 0.0) {
-            high = middle, over = excess, under *= side > 0 ? 0.5 : 1.0, side = 1;
-        } else {
-            low = middle, under = excess, over *= side < 0 ? 0.5 : 1.0, side = -1;
-        }
+    double slope, a = smooth_highest(v, low, high, larger(distance, 0.0), most, &slope);
+    double before = 0.0, excess_before = 0.0;
+    for (int i = 0; i < CUTS && high - low > NARROW * larger(1.0, fabs(high)); ++i) {
+        const double excess = reach(v + a, a, most) - distance;
+        if ((a == greatest && !(excess > 0.0)) || (a == least && excess > 0.0)) return a;
+        if (fabs(excess) <= close) return a;
+        if (excess > 0.0) high = a;
+        else low = a;
+        const double rise = i > 0 ? (excess - excess_before) / (a - before) : slope;
+        before = a, excess_before = excess;
+        a -= excess / (rise > 0.0 ? rise : slope);
+        if (!(a > low)) a = low == least && before != least ? least : 0.5 * (low + high);
+        if (!(a < high)) a = high == greatest && before != greatest ? greatest : 0.5 * (low + high);
+        if (i % 4 == 3 || i >= PATIENCE) a = 0.5 * (low + high);
     }
     return low;
 }
