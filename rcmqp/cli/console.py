@@ -238,9 +238,11 @@ def print_arm(arm: Arm) -> None:
         (
             joint,
             arm.joint_units[i],
-            *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper, arm.velocity)),
-            _limit(arm.acceleration[i], bool(arm.is_assumed("acceleration")[i])),
-            _limit(arm.jerk[i], bool(arm.is_assumed("jerk")[i])),
+            *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper)),
+            *(
+                _limit(getattr(arm, name)[i], bool(arm.is_assumed(name)[i]))
+                for name in ("velocity", "acceleration", "jerk")
+            ),
             f"{arm.home[i]:.4f}",
         )
         for i, joint in enumerate(arm.joints)
@@ -410,7 +412,7 @@ def _limited(name: str, metrics: Metrics, more: str) -> str:
 
 
 def _limit(value: float, assumed: bool) -> str:
-    """An acceleration or jerk limit, for people."""
+    """A limit of speed, acceleration or jerk, for people."""
     return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
 
 

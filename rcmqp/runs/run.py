@@ -48,7 +48,7 @@ class Run(Channels):
     stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Why the controller stopped safely, and the rows of the cycles in which it did."""
     assumed: tuple[str, ...] = ()
-    """Which limits, of "acceleration" and "jerk", were assumed; see Arm.assumed."""
+    """Which limits were assumed; see Arm.assumed."""
     given: Given = UNKNOWN
     """What the controller was given; a file of an earlier version does not say."""
     arm: CarriedArm | None = None
