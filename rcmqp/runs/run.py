@@ -194,6 +194,8 @@ class Run(Channels):
                 "angles; give the arm that it was made with"
             )
         carried = CarriedArm.of(bare)
+        if carried is not None and self.arm is not None:
+            carried = dataclasses.replace(carried, meshes=self.arm.meshes)
         scenario = dataclasses.replace(scenario.portable(), carried_arm=carried)
         return dataclasses.replace(self, scenario=scenario, urdf_sha256=bare.sha256, arm=carried)
 
