@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -29,9 +30,17 @@ ARM = """
   <asset>
     <mesh name="cover" file="cover.obj" scale="0.5 0.5 0.5"/>
     <mesh name="gone" file="gone.stl"/>
+    <texture name="wood" type="2d" file="wood.png"/>
+    <material name="oak" texture="wood"/>
+    <hfield name="ground" file="ground.png" size="1 1 1 1"/>
   </asset>
   <worldbody>
     <geom type="plane" size="1 1 0.1"/>
+    <geom type="hfield" hfield="ground"/>
+    <body name="cup" pos="0.4 0 0">
+      <freejoint/>
+      <geom name="cup" size="0.03" material="oak"/>
+    </body>
     <body name="plinth" pos="0.1 -0.2 0.3" euler="20 -10 35">
       <geom type="box" size="0.1 0.1 0.05"/>
       <body name="column" pos="0 0 0.1">
@@ -41,7 +50,7 @@ ARM = """
         <body name="arm" pos="0 0.05 0.3" quat="0.9 0.1 -0.3 0.2">
           <joint name="lift" class="slow" pos="0 0 -0.05" ref="30"/>
           <geom type="mesh" mesh="cover" group="2" contype="0" conaffinity="0"/>
-          <geom type="mesh" mesh="gone"/>
+          <geom name="hood" type="mesh" mesh="gone" material="oak"/>
           <body name="forearm" pos="0.3 0 0.05" axisangle="1 0 0 90">
             <joint name="bend" class="slow"/>
             <geom type="cylinder" size="0.04 0.1" group="3"/>
@@ -61,6 +70,8 @@ ARM = """
       </body>
     </body>
   </worldbody>
+  <contact><pair geom1="cup" geom2="hood"/></contact>
+  <keyframe><key name="home"/></keyframe>
   <actuator>
     <velocity joint="bend" kv="5" ctrlrange="-1.5 1.5" gear="0.5"/>
     <position joint="turn" kp="50" ctrlrange="-2 2" forcerange="-30 30"/>
@@ -82,10 +93,12 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
+LOST = r'<(mesh name="gone"|texture|material|hfield|geom name="hood"|geom type="hfield"|pair).*?/>'
+
+
 def mujoco_of(path: Path) -> Any:
-    """MuJoCo's own reading, without the mesh that is not there."""
-    text = path.read_text().replace('<mesh name="gone" file="gone.stl"/>', "")
-    text = text.replace('<geom type="mesh" mesh="gone"/>', "")
+    """MuJoCo's own reading, without the files that are not there."""
+    text = re.sub(LOST, "", path.read_text()).replace(' material="oak"', "")
     whole = path.with_name("whole.xml")
     whole.write_text(text)
     return mujoco.MjModel.from_xml_path(str(whole))
@@ -121,7 +134,9 @@ def test_limits_are_those_of_the_file_and_others_are_said_to_be_assumed(path: Pa
 
 def test_no_real_arm_is_driven_at_an_assumed_speed(path: Path) -> None:
     arm = load_arm(path, "flange", acceleration=5.0, jerk=100.0)
-    with pytest.raises(OptionError, match=r"the velocity limits of .* only assumed: 0\.1, 1, 1"):
+    with pytest.raises(
+        OptionError, match=r"the velocity limits of .* only assumed: 0\.1, 1, .*velocity=\.\.\.\)"
+    ):
         arm.check_limits_known()
     known = load_arm(path, "flange", velocity=2.0, acceleration=5.0, jerk=100.0)
     known.check_limits_known()
@@ -144,7 +159,7 @@ def test_shapes_are_where_mujoco_has_them(path: Path) -> None:
     assert found.missing == ()
     model = mujoco_of(path)
     data = mujoco.MjData(model)
-    data.qpos[:] = 0.0
+    data.qpos[7:] = 0.0
     mujoco.mj_forward(model, data)
     own = found.model.createData()
     pin.framesForwardKinematics(found.model, own, pin.neutral(found.model))
@@ -162,13 +177,17 @@ def test_shapes_are_where_mujoco_has_them(path: Path) -> None:
     balls = [
         each for each in found.shapes.geometryObjects if "Sphere" in type(each.geometry).__name__
     ]
-    assert len(balls) == 4  # two spheres, and the ends of the capsule
+    assert len(balls) == 5  # three spheres, and the ends of the capsule
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"roll" limited="false"', '"roll" type="ball" range="0 90"', "'roll' is a free or ball"),
+        (
+            '"roll" limited="false"',
+            '"roll" type="ball" range="0 90"',
+            "'roll' is a ball joint; only",
+        ),
         ('range="-0.4 0.4"', 'limited="false"', "'rail' slides without a range; give it one"),
         ('type="sphere" size="0.04"', 'type="spere"', "MuJoCo cannot read it: .*invalid keyword"),
     ],
@@ -177,6 +196,12 @@ def test_what_is_no_arm_is_refused(path: Path, old: str, new: str, message: str)
     path.write_text(ARM.replace(old, new))
     with pytest.raises(ArmError, match=message):
         load_arm(path, "flange")
+
+
+def test_a_base_that_floats_is_refused_and_a_cup_that_lies_about_is_not(path: Path) -> None:
+    assert load_arm(path, "flange").nv == 6
+    with pytest.raises(ArmError, match=r"6 degrees of freedom .* fix the base"):
+        load_arm(path, "cup")
 
 
 def test_without_mujoco_a_sentence_says_how(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

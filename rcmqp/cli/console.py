@@ -210,7 +210,7 @@ def print_arms(arms: Iterable[Arm]) -> None:
             _spans(arm, arm.velocity),
             _spans(arm, arm.acceleration).replace("endless", "no limit"),
             _spans(arm, arm.jerk).replace("endless", "no limit"),
-            "both" if len(arm.assumed) == 2 else "".join(arm.assumed),
+            "both" if arm.assumed == {"acceleration", "jerk"} else ", ".join(sorted(arm.assumed)),
             arm.licence,
         )
         for arm in arms
@@ -251,7 +251,7 @@ def print_arm(arm: Arm) -> None:
     note = "Positions in the joint's unit, speeds in unit/s, accelerations in unit/s^2, jerks in "
     note += "unit/s^3."
     if arm.assumed:
-        note += f" Assumed, as no source gives it: {' and '.join(sorted(arm.assumed))}."
+        note += f" Assumed, as no source gives it: {', '.join(sorted(arm.assumed))}."
     if arm.speed_near_limits is not None:
         note += " Near its position limits a joint may move only more slowly."
     out.print(note, style="dim", soft_wrap=True)

@@ -144,9 +144,10 @@ class Limited:
                 continue
             state = "only assumed" if name in self.assumed else "infinite"
             numbers = ", ".join(f"{x:.4g}" for x in values)
+            give = "velocity=..." if name == "velocity" else "acceleration=..., jerk=..."
             raise OptionError(
                 f"the {name} limits of {self.name} are {state}: {numbers} {UNITS[name]}; give "
-                "those of the arm with load_arm(..., acceleration=..., jerk=...), or, having "
+                f"those of the arm with load_arm(..., {give}), or, having "
                 "checked that assumed ones are right, use load_arm(...).confirmed()"
             )
 

@@ -56,12 +56,13 @@ def _lighten(spec: Any, path: Path) -> None:
     if lost:
         names = ", ".join(lost.values())
         warnings.warn(f"{path} is drawn without {names}: no such mesh", ArmWarning, stacklevel=1)
-    for geom in [geom for geom in spec.geoms if geom.meshname in lost]:
-        spec.delete(geom)
-    for each in (*spec.materials, *spec.textures, *spec.skins, *spec.keys, *spec.hfields):
+    for geom in spec.geoms:
+        geom.material = ""
+    geoms = [geom for geom in spec.geoms if geom.meshname in lost or geom.hfieldname]
+    meshes = [mesh for mesh in spec.meshes if mesh.name in lost]
+    more = (*spec.pairs, *spec.materials, *spec.textures, *spec.skins, *spec.keys, *spec.hfields)
+    for each in (*more, *geoms, *meshes):
         spec.delete(each)
-    for mesh in [mesh for mesh in spec.meshes if mesh.name in lost]:
-        spec.delete(mesh)
 
 
 def _mesh_file(spec: Any, mesh: Any) -> str:
@@ -105,14 +106,15 @@ class _Writer:
     def _joint(self, j: int, parent: str, place: pin.SE3) -> tuple[str, pin.SE3]:
         """Write a joint; the link that it moves, and where its body is seen from there."""
         m, kinds = self.model, self.mujoco.mjtJoint
-        hinge, slide = (
-            m.jnt_type[j] == int(kind) for kind in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE)
-        )
-        name = m.joint(j).name or f"joint{j}"
-        if not (hinge or slide):
+        name, hinge = m.joint(j).name or f"joint{j}", m.jnt_type[j] == int(kinds.mjJNT_HINGE)
+        if m.jnt_type[j] == int(kinds.mjJNT_FREE):  # of something that lies about, or of the base
+            link = self._link(f"{name}_link")
+            self._between(name, "floating", parent, link, place)
+            return link, pin.SE3.Identity()
+        if m.jnt_type[j] == int(kinds.mjJNT_BALL):
             raise ArmError(
-                f"{self.path}: joint {name!r} is a free or ball joint; only a fixed-base arm of "
-                "hinges and slides can be used: take the joint out, so that its body is fixed"
+                f"{self.path}: joint {name!r} is a ball joint; only arms of hinges and slides can "
+                "be used: take the joint out, so that its body is fixed"
             )
         limited = bool(m.jnt_limited[j])
         if not (hinge or limited):
