@@ -24,6 +24,7 @@ demo: $(INSTALLED)
 pictures: demo
 	cp results/fig3_errors.png results/fig2_trajectories.png results/helix_lwa3.png results/helix_meka_a2.png docs
 	$(BIN)/rcmqp snapshot results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --time 12 --out docs/viewer.png
+	$(BIN)/python docs/starts.py
 
 docs: $(DOCS)
 	rm -rf docs/_build

@@ -104,12 +104,31 @@ def test_a_file_may_change_a_registered_arm(tmp_path: Path) -> None:
     path = tmp_path / "ceiling.toml"
     path.write_text('like = "lwa3"\n[base]\nxyz = [0, 0, 2]\nrpy = [3.141592653589793, 0, 0]\n')
     arm, own = load_arm(path), load_arm("lwa3")
-    assert np.array_equal(arm.home, own.home)
     assert np.array_equal(arm.acceleration, own.acceleration)
     up = pin.SE3(pin.rpy.rpyToMatrix(math.pi, 0.0, 0.0), np.array([0.0, 0.0, 2.0]))
     here = flange(arm, own.home.tolist()).homogeneous
     assert_allclose(here, (up * flange(own, own.home.tolist())).homogeneous, atol=1e-14)
     assert arm.sha256 != own.sha256
+
+
+@pytest.mark.parametrize(
+    ("table", "rpy", "kept"),
+    [
+        ("base", [0.0, 0.0, 1.0], True),
+        ("base", [math.pi, 0.0, 0.0], False),
+        ("flange", [0.0, 0.0, -0.5], True),
+        ("flange", [0.0, 0.7854, 0.0], False),
+    ],
+)
+def test_an_arm_that_is_tilted_does_not_keep_the_home_of_the_one_that_it_is_like(
+    tmp_path: Path, table: str, rpy: list[float], kept: bool
+) -> None:
+    """It would point elsewhere; the shaft of the one that is found points down."""
+    path = tmp_path / "mine.toml"
+    path.write_text(f'like = "lwa3"\n[{table}]\nrpy = {rpy}\n')
+    arm = load_arm(path)
+    assert np.array_equal(arm.home, load_arm("lwa3").home) is kept
+    assert flange(arm, arm.home.tolist()).rotation[2, 2] < -math.cos(math.radians(45.0))
 
 
 def test_joints_are_locked_and_a_scenario_keeps_it(tmp_path: Path) -> None:

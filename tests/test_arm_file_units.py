@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 import warnings
 from pathlib import Path
 
@@ -13,33 +11,12 @@ from test_arm_file import HOME, arm_file
 from test_urdf import urdf, write
 
 from rcmqp import load_arm
-from rcmqp.cli import main
 from rcmqp.errors import ArmError, ArmWarning, RcmqpError
 from rcmqp.experiments.compare import arm_and_flange
 from rcmqp.realtime.checks import LoopFault, check_speed
 from rcmqp.world.loading import arm_title
 
 RAIL = "[rail]\naxis = [0, 1, 0]\nlower = -0.2\nupper = 0.6\nvelocity = 0.3\n"
-
-
-EXAMPLES = re.findall(
-    r"```toml\n(like.*?)```",
-    (Path(__file__).parent.parent / "docs/own-arm.md").read_text(encoding="utf-8"),
-    re.DOTALL,
-)
-
-
-@pytest.mark.filterwarnings("error::rcmqp.errors.ArmWarning")
-@pytest.mark.parametrize("text", EXAMPLES)
-def test_the_guides_examples_run_with_one_command(
-    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "my_robot.toml").write_text(text, encoding="utf-8")
-    words = ("run", "circle", "--arm", str(tmp_path / "my_robot.toml"), "--duration", "0.1")
-    with pytest.raises(SystemExit) as end:
-        main([*words, "--json"])
-    assert not end.value.code
-    assert json.loads(capsys.readouterr().out)["metrics"]["rcm_max_mm"] < 1e-3
 
 
 def like(folder: Path, text: str, arm: str = "panda") -> Path:

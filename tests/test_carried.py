@@ -17,11 +17,13 @@ from test_urdf import urdf
 
 from rcmqp import Run, compute_metrics, load_arm, load_scenario, make_controller, simulate
 from rcmqp.cli import main
-from rcmqp.errors import ArmError, RunFileError
+from rcmqp.errors import ArmError, ArmWarning, RunFileError
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.viewer.shapes import arm_parts
 from rcmqp.world.carried import CarriedArm
 
+CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 HOME = [0.1, -0.6, 0.2, 1.1, -0.1, 0.9, 0.3]
 
 ARM_FILE = f"""
@@ -164,6 +166,44 @@ def test_meshes_keep_no_folder_of_a_machine_and_are_not_fetched(
         assert arm_parts(stranger.load("l7", {}))  # cylinders
 
 
+def stl(size: float) -> str:
+    """A corner of a box."""
+    corners = [f"vertex {size * x} {size * y} {size * z}" for x, y, z in CORNERS]
+    facets = ["\n".join(corners[i] for i in face) for face in FACES]
+    text = "".join(f"facet normal 0 0 1\nouter loop\n{f}\nendloop\nendfacet\n" for f in facets)
+    return f"solid s\n{text}endsolid\n"
+
+
+@pytest.mark.parametrize("where", ["cover.stl", "package://alices_robot/cover.stl", "absolute"])
+def test_a_mesh_of_another_content_is_said_and_the_same_one_is_not(
+    away: Path, tmp_path: Path, where: str
+) -> None:
+    cover = away / "cover.stl"
+    cover.write_text(stl(0.1))
+    name = str(cover) if where == "absolute" else where
+    shape = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+    text = urdf().replace('<link name="l3"/>', f'<link name="l3">{shape}</link>')
+    (away / "alices_robot.urdf").write_text(text)
+    packages = away if not where.startswith("package") else away / "alices_robot"
+    if packages != away:
+        packages.mkdir()
+        shutil.move(cover, packages)
+        cover = packages / "cover.stl"
+    made(away / "alices_robot.urdf", "l7").save(away / "run.h5")
+    run = Run.load(away / "run.h5")
+    assert len(arm_parts(run.insertion().arm)) == 1
+    cover.write_text(stl(0.2))
+    for arm in (
+        run.insertion().arm,
+        run.drawn_with(str(away / "alices_robot.urdf"), "l7").insertion().arm,
+    ):
+        with pytest.warns(ArmWarning, match=r"does not look as it did .*cover\.stl of that name"):
+            assert len(arm_parts(arm)) == 1
+    cover.unlink()
+    with pytest.warns(ArmWarning, match=r"is drawn without .*cover\.stl"):
+        arm_parts(run.insertion().arm)
+
+
 def test_a_run_drawn_with_another_file_can_be_kept(away: Path, tmp_path: Path) -> None:
     run = made(away / "alices_robot.urdf", "l7")
     copy = away / "copy.urdf"
@@ -246,6 +286,10 @@ def _home(data: dict[str, Any]) -> None:
     data["recipe"]["home"] = [float("nan")]
 
 
+def _meshes(data: dict[str, Any]) -> None:
+    data["meshes"] = {"cover.stl": 7}
+
+
 def _lost(data: dict[str, Any]) -> None:
     del data["urdf"]
 
@@ -257,6 +301,7 @@ def _lost(data: dict[str, Any]) -> None:
         (_name, "must be an arm's or a file's"),
         (_kind, "locked is missing, or is no dict"),
         (_more, "'source' is none of"),
+        (_meshes, "meshes must be sums by name"),
         (_lost, "urdf is missing, or is no str"),
         (_turned, "flange_offset must be a placement"),
         (_titled, "title = {}, it must be a text"),

@@ -196,7 +196,7 @@ NO_ARMS = {
     "no XML": ("not XML at all", r"small\.urdf is not a URDF: syntax error"),
     "cut off": ('<robot name="small"><link/>', r"small\.urdf is not a URDF: no element"),
     "no robot": ("<sdf/>", r'is not a URDF: its root must be <robot name="\.\.\.">'),
-    "MJCF": ("<mujoco/>", "is not a URDF: it is MuJoCo's MJCF"),
+    "MJCF": ("<mujoco/>", "is not a URDF: it is MuJoCo's MJCF; give it with a name that ends in"),
     "no name": ("<robot><link/></robot>", r'its root must be <robot name="\.\.\.">'),
     "two roots": (robot(*ARM, '<link name="loose"/>'), "links 'base', 'loose' hang on no joint"),
     "no joints": (

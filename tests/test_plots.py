@@ -78,6 +78,28 @@ def test_a_trajectory_lies_inside_its_axes_and_their_labels_inside_the_figure(mo
                 assert not one.overlaps(other)
 
 
+@pytest.mark.parametrize(("count", "mm"), [(1, 88.0), (2, 180.0), (1, 250.0)])
+def test_trajectories_are_as_wide_as_asked_for_and_hold_all_letters(
+    moving: Run, count: int, mm: float
+) -> None:
+    figure = plots.trajectory_figure([moving] * count, width=mm / 25.4)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    frame = figure.bbox
+    assert frame.width == pytest.approx(figure.dpi * mm / 25.4)
+    texts = [figure._suptitle, *(axes.title for axes in figure.axes)]  # type: ignore[attr-defined]
+    for axes in figure.axes:
+        assert isinstance(axes, Axes3D)
+        texts += [axis.label for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    for text in filter(lambda each: each.get_text(), texts):
+        box = text.get_window_extent(canvas.get_renderer())
+        assert frame.x0 <= box.x0, text
+        assert box.x1 <= frame.x1 + 0.5, text
+        assert frame.y0 <= box.y0, text
+        assert box.y1 <= frame.y1 + 0.5, text
+        assert (text.get_fontsize() <= plots.SMALL) is (mm < 250.0)
+
+
 def test_a_reference_that_is_missing_now_and_then_is_left_out_of_figures(moving: Run) -> None:
     tip_d, error = moving.tip_d.copy(), moving.tip_error.copy()
     tip_d[[0, 100]], error[[0, 100]] = np.nan, np.nan
@@ -162,8 +184,9 @@ def test_a_column_of_a_journal_holds_all_letters(moving: Run) -> None:
 
 
 def test_figures_that_no_journal_takes_are_refused(moving: Run, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match=r"width = 0\.0394 in; give 2 to 20"):
-        plots.error_figure([moving], width=1 / 25.4)
+    for figure in (plots.error_figure, plots.trajectory_figure):
+        with pytest.raises(OptionError, match=r"width = 0\.0394 in; give 2 to 20"):
+            figure([moving], width=1 / 25.4)
     with pytest.raises(UnknownName, match="ending of a figure"):
         plots.save_figure(Figure(), tmp_path / "figure", endings=[".bmp"])
     with pytest.raises(OptionError, match="dpi = 5; give 30 to 2400"):

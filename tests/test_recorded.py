@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.paths import TipTrace
 from rcmqp.references.recorded import Recorded
+from rcmqp.references.view import ViewCommand, view_pose
 from rcmqp.runs.recorded import along, moved
 
 TIMES = np.linspace(0.0, 2.0, 41)
@@ -108,6 +110,68 @@ def test_what_a_recording_may_not_have_is_said_with_its_place(
         table[place] = value
     with pytest.raises(OptionError, match=said):
         Recorded.read(written(tmp_path, head, table))
+
+
+VIEWS = [
+    ViewCommand(0.3 * np.sin(t), 0.2 * np.sin(2.0 * t), 2.1 * t, 0.01 * np.sin(t)) for t in TIMES
+]
+
+
+def poses(depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """Tips (n, 3) and quaternions (n, 4), w first, of VIEWS: in the axes of x_d(0)."""
+    tool = dq.from_translation([0.0, 0.0, depth])
+    found = np.array([dq.mul(view_pose(dq.exp(np.zeros(8)), view).x_d, tool) for view in VIEWS])
+    return dq.translation(found), dq.P(found)
+
+
+@pytest.mark.parametrize("order", ["qw,qx,qy,qz", "qx,qy,qz,qw"])
+@pytest.mark.parametrize("world", [False, True])
+def test_of_poses_the_roll_counts_with_the_way(tmp_path: Path, order: str, world: bool) -> None:
+    scenario = load_scenario("circle")
+    insertion = scenario.insertion()
+    turn = dq.P(insertion.x_rcm)
+    tips, turned = poses(insertion.tip_depth)
+    if world:
+        tips, turned = dq.rotate(turn, tips) + 0.3, dq.quaternion_mul(turn, turned)
+    signs = np.where(np.arange(len(TIMES)) % 3, 1.004, -0.997)  # one rotation, and a little off
+    turned = np.roll(turned, 0 if order.startswith("qw") else -1, axis=1) * signs[:, None]
+    head = "t,world x,world y,world z," if world else "t,x,y,z,"
+    found = Recorded.read(written(tmp_path, head + order, np.column_stack([TIMES, tips, turned])))
+    path = along(scenario, found).path
+    assert isinstance(path, TipTrace)
+    for t, view in zip(TIMES, VIEWS, strict=True):
+        made = path.command(float(t), insertion.tip_depth)
+        assert_allclose(astuple(made)[:4], astuple(view)[:4], rtol=0, atol=1e-12)
+    h, t = 1e-6, 0.77
+    ends = [path.command(t + each, insertion.tip_depth).gamma for each in (h, -h)]
+    rate = path.command(t, insertion.tip_depth).gamma_dot
+    assert rate == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-7)
+
+
+def test_poses_that_do_not_point_through_the_trocar_are_refused(tmp_path: Path) -> None:
+    scenario = load_scenario("circle")
+    tips, turned = poses(scenario.insertion().tip_depth)
+    wrong = np.roll(turned, 1, axis=1)
+    file = written(tmp_path, "t,x,y,z,qw,qx,qy,qz", np.column_stack([TIMES, tips, wrong]))
+    with pytest.raises(OptionError, match=r"sample \d+ has its z axis \d+ deg beside the line"):
+        along(scenario, Recorded.read(file))
+
+
+@pytest.mark.parametrize(
+    ("names", "factor", "said"),
+    [
+        ("qw,qx,qy,qz", 1.02, r"the quaternion of sample 1 has the norm 1\.02, it must be 1"),
+        ("qw,qx,qy,other", 1.0, "has the columns qw, qx, qy of an orientation; they must be qw"),
+        ("q0,q1,q2,q3", 1.0, "has the columns q0, q1, q2, q3 of an orientation"),
+    ],
+)
+def test_quaternions_that_cannot_be_are_refused(
+    tmp_path: Path, names: str, factor: float, said: str
+) -> None:
+    tips, turned = poses(0.1)
+    table = np.column_stack([TIMES, tips, factor * turned])
+    with pytest.raises(OptionError, match=said):
+        Recorded.read(written(tmp_path, f"t,x,y,z,{names}", table))
 
 
 def test_files_that_are_no_recordings_are_refused(tmp_path: Path) -> None:

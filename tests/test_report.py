@@ -25,6 +25,8 @@ from rcmqp.show.report.document import Screenshot, Section, as_html
 from rcmqp.show.report.groups import groups_of
 from rcmqp.show.viewer.browser import PATIENCE, browser
 
+DISPLAYS = "what => [...document.querySelectorAll(what)].map(x => getComputedStyle(x).display)"
+CUT = "[...document.querySelectorAll('table')].filter(x => x.scrollWidth > x.clientWidth).length"
 FILES = ("paper.h5", "qp.h5", "slow.h5", "other.h5")
 
 
@@ -255,7 +257,7 @@ def test_the_command_refuses_what_it_cannot_read_or_write(
     assert not (tmp_path / "new").exists()
 
 
-def test_the_page_opens_offline_and_plays_its_runs(folder: Path) -> None:
+def test_the_page_opens_offline_plays_its_runs_and_prints_without_viewers(folder: Path) -> None:
     requests: list[str] = []
     said: list[str] = []
     with browser() as chromium:
@@ -277,6 +279,16 @@ def test_the_page_opens_offline_and_plays_its_runs(folder: Path) -> None:
             page.set_viewport_size({"width": width, "height": 844})
             wide.append(page.evaluate("document.documentElement.scrollWidth"))
         broken = page.evaluate("[...document.images].filter(x => !x.naturalWidth).length")
+        page.emulate_media(media="print")
+        page.set_viewport_size({"width": 1000, "height": 700})
+        frames = page.evaluate(DISPLAYS, "iframe")
+        links = page.evaluate(DISPLAYS, "p:has(a[href^='view_'])")
+        cut = page.evaluate(CUT)
+        page.evaluate("document.documentElement.dataset.theme = 'dark'")
+        ground = page.evaluate("getComputedStyle(document.documentElement).backgroundColor")
+    assert set(frames) == set(links) == {"none"}
+    assert cut == 0
+    assert ground == "rgb(255, 255, 255)"
     assert broken == 0
     assert wide == [1280, 390]
     assert all(url.startswith(folder.as_uri()) for url in requests)

@@ -210,7 +210,7 @@ def print_arms(arms: Iterable[Arm]) -> None:
             _spans(arm, arm.velocity),
             _spans(arm, arm.acceleration).replace("endless", "no limit"),
             _spans(arm, arm.jerk).replace("endless", "no limit"),
-            "both" if len(arm.assumed) == 2 else "".join(arm.assumed),
+            "both" if arm.assumed == {"acceleration", "jerk"} else ", ".join(sorted(arm.assumed)),
             arm.licence,
         )
         for arm in arms
@@ -238,9 +238,11 @@ def print_arm(arm: Arm) -> None:
         (
             joint,
             arm.joint_units[i],
-            *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper, arm.velocity)),
-            _limit(arm.acceleration[i], bool(arm.is_assumed("acceleration")[i])),
-            _limit(arm.jerk[i], bool(arm.is_assumed("jerk")[i])),
+            *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper)),
+            *(
+                _limit(getattr(arm, name)[i], bool(arm.is_assumed(name)[i]))
+                for name in ("velocity", "acceleration", "jerk")
+            ),
             f"{arm.home[i]:.4f}",
         )
         for i, joint in enumerate(arm.joints)
@@ -249,7 +251,7 @@ def print_arm(arm: Arm) -> None:
     note = "Positions in the joint's unit, speeds in unit/s, accelerations in unit/s^2, jerks in "
     note += "unit/s^3."
     if arm.assumed:
-        note += f" Assumed, as no source gives it: {' and '.join(sorted(arm.assumed))}."
+        note += f" Assumed, as no source gives it: {', '.join(sorted(arm.assumed))}."
     if arm.speed_near_limits is not None:
         note += " Near its position limits a joint may move only more slowly."
     out.print(note, style="dim", soft_wrap=True)
@@ -410,7 +412,7 @@ def _limited(name: str, metrics: Metrics, more: str) -> str:
 
 
 def _limit(value: float, assumed: bool) -> str:
-    """An acceleration or jerk limit, for people."""
+    """A limit of speed, acceleration or jerk, for people."""
     return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import keyword
+import tomllib
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -10,8 +13,9 @@ from typing import Annotated
 import typer
 
 from rcmqp.cli import console
-from rcmqp.errors import OptionError
+from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.files import check_writable, write_text
+from rcmqp.world.loading import load_arm
 
 LAW = '''"""A controller of one's own; run it with
 
@@ -117,6 +121,15 @@ class Kind(StrEnum):
 def new(
     kind: Annotated[Kind, typer.Argument(help="law, scenario or arm.")],
     name: Annotated[str, typer.Argument(help="Of the files to write, such as my_law.")],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="What an arm's file is to say, in place of a template, such as like=ur5; may be "
+            "repeated.",
+        ),
+    ] = None,
 ) -> None:
     """Write a file of your own to begin with: a controller, a scenario, or an arm.
 
@@ -127,22 +140,70 @@ def new(
       rcmqp run conical_helix -c my_law.py
 
       rcmqp new arm my_robot
+
+      rcmqp new arm ceiling --set like=lwa3 --set 'base.xyz=[0,0,2]' --set 'base.rpy=[3.1416,0,0]'
     """
     if not name.isidentifier() or keyword.iskeyword(name):
         raise OptionError(f"{name}: letters, digits and underscores, such as my_{kind.value}")
+    if settings and kind is not Kind.arm:
+        raise OptionError(f"--set is of an arm's file; a {kind.value} is changed in its own file")
     title = "".join(word.capitalize() for word in name.split("_"))
     texts = {
         Kind.law: {f"{name}.py": LAW},
         Kind.scenario: {f"{name}.py": SCENARIO},
         Kind.arm: {f"{name}.toml": ARM, f"{name}.urdf": _urdf()},
     }[kind]
+    if settings:
+        texts = {f"{name}.toml": _arm_file(settings)}
     for file in texts:
         if Path(file).exists():
             raise OptionError(f"{file} is there already; give another name, or remove it first")
         check_writable(file)
     for file, text in texts.items():
         write_text(file, text.replace("{name}", name).replace("{title}", title))
+        if settings:
+            _check_arm(Path(file))
         console.print_written(Path(file))
+
+
+def _arm_file(settings: Sequence[str]) -> str:
+    """An arm's file that says what was set: ``key=value`` and ``table.key=value``, as in TOML.
+
+    Raises:
+        OptionError: a setting has no value, or is there twice.
+    """
+    tables: dict[str, dict[str, str]] = {"": {}}
+    for setting in settings:
+        key, equals, value = (part.strip() for part in setting.partition("="))
+        table, _, inside = key.rpartition(".")
+        if not (equals and value and inside):
+            raise OptionError(f"--set {setting}: give a key and a value, such as like=ur5")
+        entries = tables.setdefault(table, {})
+        if inside in entries:
+            raise OptionError(f"--set {key} is there twice; give it once")
+        try:
+            tomllib.loads(f"value = {value}")
+        except tomllib.TOMLDecodeError:  # a text without quotes
+            value = json.dumps(value)
+        entries[inside] = value
+    lines = []
+    for table, entries in tables.items():
+        lines += [f"[{table}]"] if table else []
+        lines += [f"{key} = {value}" for key, value in entries.items()]
+    return "\n".join([*lines, ""])
+
+
+def _check_arm(file: Path) -> None:
+    """Load the arm that was written; take the file away where it is none.
+
+    Raises:
+        RcmqpError: it cannot be loaded.
+    """
+    try:
+        load_arm(file)
+    except RcmqpError:
+        file.unlink()
+        raise
 
 
 def _urdf() -> str:

@@ -205,7 +205,7 @@ def show(
     ] = None,
     width: Annotated[
         float | None,
-        typer.Option(metavar="MM", help="Of the figure of errors, such as 88 for a column."),
+        typer.Option(metavar="MM", help="Of the figures, such as 88 for a column."),
     ] = None,
     dpi: Annotated[float, typer.Option(help="Dots per inch of a PNG.")] = 160.0,
     as_json: AsJson = False,
@@ -236,15 +236,15 @@ def _show(file: Path, as_json: bool) -> None:
 def _draw(
     result: Run, folder: Path, stem: str, endings: Sequence[str], width: float | None, dpi: float
 ) -> list[Path]:
-    """Trajectory and errors of a run; ``width`` of the errors' figure in mm."""
+    """Trajectory and errors of a run; ``width`` of the figures in mm."""
     from rcmqp.show import plots  # matplotlib takes long to import
 
     make_folder(folder)
     check_writable(folder / f"{stem}_errors{endings[0]}")
-    inches = plots.WIDTH if width is None else width / 25.4
+    inches = None if width is None else width / 25.4
     figures = {
-        "trajectory": plots.trajectory_figure([result]),
-        "errors": plots.error_figure([result], width=inches),
+        "trajectory": plots.trajectory_figure([result], width=inches),
+        "errors": plots.error_figure([result], width=inches or plots.WIDTH),
     }
     return [
         path

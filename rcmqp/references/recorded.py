@@ -1,4 +1,4 @@
-"""Recordings of positions over time, from CSV files: of a hand, a tip, a trocar."""
+"""Recordings of positions, or poses, over time, from CSV files: of a hand, a tip, a trocar."""
 
 from __future__ import annotations
 
@@ -23,6 +23,12 @@ COLUMN = re.compile(r"\s*(?P<frame>world )?\s*(?P<name>t|time|x|y|z)\s*(\[(?P<un
 
 HEAD = 't [s], x [m], y [m], z [m], or "world x [m]" and so on for the world\'s axes'
 
+QUATERNION = ("qw", "qx", "qy", "qz")
+"""Columns of an orientation, in any order."""
+
+NEAR_UNIT = 0.01
+"""How far from 1 the norm of a quaternion may be."""
+
 MOST = 1_000_000
 """Samples of a recording."""
 
@@ -39,12 +45,15 @@ class Recorded:
         positions: (n, 3) [m].
         world: whether they are in the world's axes, or else in the trocar's or the device's.
         engaged: (n,) whether a handle drove the camera; empty if the file does not say.
+        quaternions: (n, 4) unit quaternions, w first, of the tip's orientation, in the same axes;
+            empty if the file has none.
     """
 
     times: tuple[float, ...]
     positions: tuple[Vector3, ...]
     world: bool = False
     engaged: tuple[bool, ...] = ()
+    quaternions: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], *, scale: float = 1.0) -> Recorded:
@@ -53,8 +62,9 @@ class Recorded:
         The columns are ``t`` (or ``time``), ``x``, ``y``, ``z``, in any order, with a unit in
         brackets: s, ms, us or ns; m, cm, mm or um. Without a unit, times are in s and positions in
         ``scale`` metres. ``world x`` and so on are in the world's axes. ``engaged`` (0 or 1) may
-        stand beside them; other columns, and lines that begin with #, are left out. Times count
-        from the first one, so they may be of any clock.
+        stand beside them, and ``qw``, ``qx``, ``qy``, ``qz`` of an orientation; other columns, and
+        lines that begin with #, are left out. Times count from the first one, so they may be of
+        any clock. Quaternions a little off unit length are made so.
 
         Args:
             path: of the file.
@@ -90,16 +100,22 @@ class Recorded:
                 f"{path} goes {far:.4g} m away from its first position; are these millimetres? "
                 "Name the unit in the head: x [mm], y [mm], z [mm]"
             )
-        engaged = tuple(map(bool, table[:, 4].tolist())) if len(columns.at) > 4 else ()
+        more = dict(zip(columns.more, table[:, 4:].T, strict=True))
+        engaged = tuple(map(bool, more.get("engaged", ())))
         points = tuple((x, y, z) for x, y, z in positions.tolist())
-        return cls(tuple(times.tolist()), points, columns.world, engaged)
+        turned: Array = np.empty((0, 4))
+        if "qw" in more:
+            turned = _unit(str(path), np.column_stack([more[name] for name in QUATERNION]))
+        orientations = tuple(map(tuple, turned.tolist()))
+        return cls(tuple(times.tolist()), points, columns.world, engaged, orientations)
 
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """Where t, x, y, z, and engaged if it is there, stand; and the units."""
+    """Where t, x, y, z, and after them ``more``, stand; and the units."""
 
     at: tuple[int, ...]
+    more: tuple[str, ...]
     clock: float
     unit: float
     world: bool
@@ -134,10 +150,27 @@ def _columns(path: str, head: Sequence[str], scale: float) -> _Columns:
             f"{path} has some of x, y, z in the world's axes; give all or none there"
         )
     names = [name.strip().lower() for name in head]
-    places = [at[name] for name in "txyz"]
-    places += [names.index("engaged")] if "engaged" in names else []
+    more = tuple(name for name in ("engaged", *QUATERNION) if name in names)
+    if len({*more, "engaged"}) not in (1, 5) or "q0" in names or "q1" in names:
+        raise OptionError(
+            f"{path} has the columns {', '.join(name for name in names if name[:1] == 'q')} of an "
+            f"orientation; they must be {', '.join(QUATERNION)}, in any order, qw the real part"
+        )
+    places = (*(at[name] for name in "txyz"), *map(names.index, more))
     unit = {**UNITS, "": scale}[units.pop()]
-    return _Columns(tuple(places), CLOCKS[clock], unit, frames.pop())
+    return _Columns(places, more, CLOCKS[clock], unit, frames.pop())
+
+
+def _unit(path: str, quaternions: Array) -> Array:
+    """Quaternions (n, 4) of length 1."""
+    norms = np.linalg.norm(quaternions, axis=1)
+    wrong = np.flatnonzero(np.abs(norms - 1.0) > NEAR_UNIT)
+    if wrong.size:
+        raise OptionError(
+            f"{path}: the quaternion of sample {wrong[0] + 1} has the norm {norms[wrong[0]]:.4g}, "
+            f"it must be 1; check that its columns are {', '.join(QUATERNION)}"
+        )
+    return np.asarray(quaternions / norms[:, None])
 
 
 def _numbers(path: str, rows: Sequence[Sequence[str]], at: Sequence[int]) -> Array:

@@ -20,6 +20,7 @@ from rcmqp.files import check_writable
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.untrusted import datasets, json_of, reading, text, text_of, whole_number
 from rcmqp.world.carried import CarriedArm
+from rcmqp.world.limited import ASSUMED
 
 if TYPE_CHECKING:
     import h5py
@@ -168,7 +169,7 @@ class Head:
                 f"damaged: joints: {len(self.joints)}, the scenario starts at "
                 f"{len(self.scenario.angles_start)} angles",
             )
-        if wrong := set(self.assumed) - {"acceleration", "jerk"}:
+        if wrong := set(self.assumed) - set(ASSUMED):
             raise RunFileError(path, f"damaged: assumed: {sorted(wrong)[0]!r}")
         gain = self.options.get("gain", 0.0)
         if isinstance(gain, bool) or not isinstance(gain, int | float) or not abs(gain) < 1e300:

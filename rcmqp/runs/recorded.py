@@ -8,23 +8,60 @@ import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths.tip_trace import TipTrace
 from rcmqp.references.recorded import Recorded
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.motions import Sampled
 
+MOST_BESIDE = 15.0
+"""How far a pose's z axis may be from the line through the trocar [deg].
+
+A recording has been made at a trocar and a depth of its own.
+"""
+
 
 def along(scenario: Scenario, recording: Recorded) -> Scenario:
     """The scenario with its tip on the way of a recording, to the recording's end.
 
+    Of poses the roll about the shaft counts, from the first one on: the trocar and the tip say
+    where the shaft points.
+
     Raises:
+        OptionError: the poses do not point from the trocar to the tip.
         RcmqpError: the arm cannot be loaded.
     """
-    positions = np.array(recording.positions)
+    insertion, positions = scenario.insertion(), np.array(recording.positions)
     if recording.world:
-        positions = dq.rotate(dq.quaternion_conj(dq.P(scenario.insertion().x_rcm)), positions)
-    path = TipTrace(recording.times, tuple(map(tuple, positions.tolist())))
+        positions = dq.rotate(dq.quaternion_conj(dq.P(insertion.x_rcm)), positions)
+    rolls: tuple[float, ...] = ()
+    if recording.quaternions:
+        tips = positions - positions[0] + [0.0, 0.0, insertion.tip_depth]
+        rolls = tuple(_rolls(np.array(recording.quaternions), tips).tolist())
+    path = TipTrace(recording.times, tuple(map(tuple, positions.tolist())), rolls)
     return dataclasses.replace(scenario, path=path, duration=path.duration)
+
+
+def _rolls(quaternions: Array, tips: Array) -> Array:
+    """Rotations (n,) about the shaft, gamma of equation (5) [rad], without jumps.
+
+    Args:
+        quaternions: (n, 4) of the tip's poses, w first, in any axes that stay.
+        tips: (n, 3) seen from the trocar in the axes of x_d(0) [m].
+    """
+    turned = dq.quaternion_mul(dq.quaternion_conj(quaternions[0]), quaternions)
+    x, y, z = (dq.rotate(turned, axis) for axis in np.eye(3))
+    along = tips / np.linalg.norm(tips, axis=1)[:, None]
+    beside = np.degrees(np.arccos(np.clip((z * along).sum(axis=1), -1.0, 1.0)))
+    if beside.max() > MOST_BESIDE:
+        worst = int(np.argmax(beside))
+        raise OptionError(
+            f"the pose of sample {worst + 1} has its z axis {beside[worst]:.0f} deg beside the "
+            f"line from the trocar to the tip, at most {MOST_BESIDE:g} are taken; z must be along "
+            "the shaft, into the patient, and quaternions in the same axes as the positions. "
+            "Without the columns of the quaternion, the positions alone count"
+        )
+    return np.unwrap(np.arctan2(x[:, 1], y[:, 1]))
 
 
 def moved(scenario: Scenario, recording: Recorded) -> Scenario:

@@ -48,7 +48,7 @@ class Run(Channels):
     stops: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Why the controller stopped safely, and the rows of the cycles in which it did."""
     assumed: tuple[str, ...] = ()
-    """Which limits, of "acceleration" and "jerk", were assumed; see Arm.assumed."""
+    """Which limits were assumed; see Arm.assumed."""
     given: Given = UNKNOWN
     """What the controller was given; a file of an earlier version does not say."""
     arm: CarriedArm | None = None
@@ -194,6 +194,8 @@ class Run(Channels):
                 "angles; give the arm that it was made with"
             )
         carried = CarriedArm.of(bare)
+        if carried is not None and self.arm is not None:
+            carried = dataclasses.replace(carried, meshes=self.arm.meshes)
         scenario = dataclasses.replace(scenario.portable(), carried_arm=carried)
         return dataclasses.replace(self, scenario=scenario, urdf_sha256=bare.sha256, arm=carried)
 

@@ -30,6 +30,8 @@ WIDE = 44
 """Letters of a line of what tells a run apart, at most."""
 WIDTH, NARROW, SMALL = 8.0, 6.0, 8
 """Of a figure of errors: width [in]; below which letters are small; their size then [pt]."""
+TRAJECTORY = 4.8
+"""Width of a trajectory in its figure, where none is asked for [in]."""
 ENDINGS = (".png", ".pdf", ".svg", ".eps")
 """Of files that a figure can be written to."""
 FONTS: Any = {
@@ -43,7 +45,9 @@ SHAFTS = 7
 """How many times the shaft is drawn along a trajectory."""
 
 
-def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure:
+def trajectory_figure(
+    runs: Sequence[Run], labels: Sequence[str] = (), *, width: float | None = None
+) -> Figure:
     """Tip trajectories in space, one column a run, as the paper's Fig. 2.
 
     Above, the arm at the start with its instrument, in the world [m]. Below, the trajectory in
@@ -53,17 +57,30 @@ def trajectory_figure(runs: Sequence[Run], labels: Sequence[str] = ()) -> Figure
     Args:
         runs: at least one.
         labels: what tells the runs apart, see run_marks().
+        width: of the figure [in]; TRAJECTORY for each run without it.
+
+    Raises:
+        OptionError: the width is below 2 or above 20 inches.
     """
+    scale = 1.0 if width is None else _checked_width(width) / (TRAJECTORY * len(runs))
+    with matplotlib.rc_context({"font.size": SMALL} if scale < 1.0 else {}):
+        return _trajectory_figure(runs, labels, scale)
+
+
+def _trajectory_figure(runs: Sequence[Run], labels: Sequence[str], scale: float) -> Figure:
     labels = labels or [", ".join(marks) for marks in run_marks(runs)[1]]
-    figure = Figure(figsize=(4.8 * len(runs), 8.4), layout="constrained")
-    figure.suptitle(_shared_text(runs, WIDE * min(2, len(runs))), fontsize=9)
+    wide = int(WIDE * min(1.0, scale * 10.0 / _letters(10)))
+    height = 1.75 * TRAJECTORY * scale
+    figure = Figure(figsize=(TRAJECTORY * scale * len(runs), height), layout="constrained")
+    figure.suptitle(_shared_text(runs, wide * min(2, len(runs))), fontsize=_letters(9))
     for i, run in enumerate(runs):
         above, below = (
             figure.add_subplot(2, len(runs), row * len(runs) + i + 1, projection="3d")
             for row in (0, 1)
         )
         arm = _literal(arm_title(run.scenario.arm))
-        above.set_title(f"{arm}\n{_wrapped(labels[i])}", fontsize=10, y=0.98)
+        title = f"{arm}\n{_wrapped(labels[i], wide)}"
+        above.set_title(title, fontsize=_letters(10), y=0.98)
         _draw_arm(above, run, colour(i))
         _draw_trajectory(below, run, colour(i))
     return figure
@@ -90,14 +107,24 @@ def error_figure(
     Raises:
         OptionError: the width is below 2 or above 20 inches.
     """
+    size: Any = {"font.size": SMALL} if _checked_width(width) < NARROW else {}
+    with matplotlib.rc_context(size):
+        return _error_figure(runs, logarithmic, labels, width)
+
+
+def _checked_width(width: float) -> float:
+    """A figure's width [in], if a figure can have it."""
     if not 2.0 <= width <= 20.0:
         raise OptionError(
             f"width = {width:.3g} in; give 2 to 20, which is 51 to 508 mm, such as 88 mm for a "
             "column"
         )
-    size: Any = {"font.size": SMALL} if width < NARROW else {}
-    with matplotlib.rc_context(size):
-        return _error_figure(runs, logarithmic, labels, width)
+    return width
+
+
+def _letters(most: float) -> float:
+    """Size of letters that are ``most`` [pt] in a figure of full width, and not above the rest."""
+    return min(most, float(matplotlib.rcParams["font.size"]))
 
 
 def _error_figure(
@@ -189,7 +216,7 @@ def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.locator_params(nbins=5)
-    axes.zaxis.labelpad = 9
+    axes.zaxis.labelpad = 0.9 * _letters(10)
     axes.set_box_aspect((1, 1, 1), zoom=0.9)
     _make_solid(axes)
     axes.view_init(elev=18, azim=-55)
@@ -207,14 +234,16 @@ def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
     half = max(0.3 * deep, float(np.nanmax(np.abs(drawn[:, :2]))))
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
-    axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4, 8, 12
+    space = _letters(10)
+    axes.xaxis.labelpad, axes.yaxis.labelpad = 0.4 * space, 0.8 * space
+    axes.zaxis.labelpad = 1.2 * space
     axes.set_box_aspect((2 * half, 2 * half, deep), zoom=0.72)
     axes.locator_params(nbins=3)
     axes.locator_params(axis="z", nbins=6)
-    axes.tick_params(axis="z", pad=7)
+    axes.tick_params(axis="z", pad=0.7 * space)
     axes.view_init(elev=18, azim=-60)
     _make_solid(axes)
-    axes.legend(loc="upper left", fontsize=8, frameon=False)
+    axes.legend(loc="upper left", fontsize=_letters(8), frameon=False)
 
 
 def _make_solid(axes: Axes3D) -> None:
@@ -229,9 +258,9 @@ def _from_trocar(run: Run, points: Array) -> Array:
     return 1e3 * dq.rotate(start, points - run.pivot)
 
 
-def _wrapped(label: str) -> str:
-    """In lines short enough for half a figure."""
-    return _literal(textwrap.fill(label, WIDE, break_on_hyphens=False))
+def _wrapped(label: str, wide: int = WIDE) -> str:
+    """In lines short enough for half a figure, or of at most ``wide`` letters."""
+    return _literal(textwrap.fill(label, wide, break_on_hyphens=False))
 
 
 def _literal(text: str) -> str:

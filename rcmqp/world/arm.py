@@ -48,6 +48,8 @@ class ModelSource:
         recipe: what load_arm() made the arm with besides the URDF, in numbers and texts; see
             carried.CarriedArm.
         carried: whether the URDF came in a run's file; its meshes are not looked for.
+        meshes: SHA-256 of the meshes by their names, as they were when a run was made; empty where
+            the arm is no run's.
     """
 
     urdf: Path
@@ -59,6 +61,7 @@ class ModelSource:
     notes: tuple[str, ...] = ()
     recipe: Mapping[str, Any] = field(default_factory=dict)
     carried: bool = False
+    meshes: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

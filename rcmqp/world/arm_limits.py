@@ -29,6 +29,9 @@ arms; with 50 ms, where all joints are at their limits, they cannot bring the sh
 of wild runs the worst was 64 to 360 mm off the trocar, with 20 ms 0.002 mm.
 """
 
+SPEED, STROKE_SPEED = 1.0, 0.1
+"""Speed of a joint that turns [rad/s], or slides [m/s], where nothing says it."""
+
 UNITS = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3"}
 """Limits that are one positive number a joint, and their units; m in place of rad if prismatic."""
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import hashlib
 import json
 import tomllib
@@ -19,6 +21,7 @@ import pinocchio as pin
 from rcmqp.errors import ArmError, ArmWarning, RcmqpError
 from rcmqp.world.arm import Arm, ModelSource
 from rcmqp.world.arm_limits import SpeedNearLimits
+from rcmqp.world.geometry import mesh_files
 from rcmqp.world.loading import ARM_FILE, arm_names, built, load_arm, names_its_flange
 from rcmqp.world.urdf import urdf_of
 
@@ -44,6 +47,7 @@ class CarriedArm:
             links. Meshes keep the names of their files; of those in a folder of one machine, only
             the file's own name is left.
         recipe: what built() was given besides.
+        meshes: SHA-256 of the meshes that were there when the run was made, by their names.
         beside: folder in which the arm's own file is looked for; None for a registered arm.
     """
 
@@ -51,6 +55,7 @@ class CarriedArm:
     sha256: str
     urdf: str = field(compare=False, repr=False)
     recipe: Mapping[str, Any] = field(compare=False, repr=False)
+    meshes: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     beside: Path | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -60,11 +65,12 @@ class CarriedArm:
             return None
         name, text = own_name(arm.name), _without_folders(arm.source.text)
         beside = None if name in arm_names() else Path(arm.name).absolute().parent
-        return cls(name, arm.source.sha256, text, arm.source.recipe, beside)
+        meshes = arm.source.meshes if arm.source.carried else mesh_sums(arm.source)
+        return cls(name, arm.source.sha256, text, arm.source.recipe, meshes, beside)
 
     def to_json(self) -> str:
         """As a run's file keeps it, with a sum that shows damage."""
-        data = {name: getattr(self, name) for name in _PARTS}
+        data = {name: getattr(self, name) for name in (*_PARTS, "meshes")}
         return json.dumps({**data, "sum": _sum(data)})
 
     @classmethod
@@ -84,9 +90,13 @@ class CarriedArm:
         if unknown := data["recipe"]["about"].keys() - _ABOUT:
             raise ValueError(f"{sorted(unknown)[0]!r:.50} is none of {sorted(_ABOUT)}")
         _check_recipe(data["recipe"])
+        meshes = data.get("meshes", {})  # earlier versions have none
+        if not isinstance(meshes, dict) or any(type(each) is not str for each in meshes.values()):
+            raise ValueError("meshes must be sums by name")
         if data.pop("sum", None) != _sum(data):
             raise ValueError("its numbers do not fit its sum")
-        return cls(data["name"], data["sha256"], data["urdf"], data["recipe"], beside)
+        name, sha256, urdf, recipe = (data[part] for part in _PARTS)
+        return cls(name, sha256, urdf, recipe, meshes, beside)
 
     def load(self, flange: str | None, limits: Mapping[str, Any]) -> Arm:
         """The arm: of its own file if that is here and the same, with its meshes; else of this.
@@ -114,6 +124,8 @@ class CarriedArm:
                 arm = load_arm(each, None if names_its_flange(each) else flange, **limits)
                 if arm.sha256 == self.sha256:
                     arm.name = self.name
+                    assert arm.source is not None
+                    arm.source = dataclasses.replace(arm.source, meshes=self.meshes)
                     return arm
         return None
 
@@ -134,7 +146,7 @@ class CarriedArm:
                 name=self.name,
                 home=self.recipe.get("home"),
                 own=self.recipe["own"],
-                source=ModelSource(path, self.urdf, self.sha256, carried=True),
+                source=ModelSource(path, self.urdf, self.sha256, carried=True, meshes=self.meshes),
                 by_hand=limits,
                 **about,
             )
@@ -145,6 +157,30 @@ class CarriedArm:
                 f"{self.name}, as the run's file carries it, is no arm: "
                 f"{type(error).__name__}: {error!s:.200}"
             ) from error
+
+
+def mesh_sums(source: ModelSource) -> dict[str, str]:
+    """SHA-256 of an arm's meshes that are here, by their names as a run carries them."""
+    return {_travelling(name): _sha256(path) for name, path in mesh_files(source).items()}
+
+
+def changed_meshes(source: ModelSource) -> list[str]:
+    """Names of the meshes whose content is not that of when the run was made."""
+    if source.carried or not source.meshes:
+        return []
+    return [name for name, s in mesh_sums(source).items() if source.meshes.get(name, s) != s]
+
+
+def _sha256(path: Path) -> str:
+    stat = path.stat()
+    return _sha256_of(path, stat.st_mtime_ns, stat.st_size)
+
+
+@functools.lru_cache(maxsize=1000)
+def _sha256_of(path: Path, *_: int) -> str:
+    """Of a file, read once as long as it stays as it is."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _is_program(file: Path) -> bool:
@@ -199,7 +235,12 @@ def _without_folders(text: str) -> str:
         element.text = element.tail = None
         for texture in element.findall("texture"):
             element.remove(texture)
-        name = element.get("filename", "").removeprefix("file://")
-        if PureWindowsPath(name).drive or PureWindowsPath(name).root:
-            element.set("filename", own_name(name))
+        if "filename" in element.attrib:
+            element.set("filename", _travelling(element.attrib["filename"]))
     return ET.tostring(root, encoding="unicode")
+
+
+def _travelling(mesh: str) -> str:
+    """The name of a mesh as a run carries it: without the folder of one machine."""
+    name = mesh.removeprefix("file://")
+    return own_name(name) if PureWindowsPath(name).drive or PureWindowsPath(name).root else mesh

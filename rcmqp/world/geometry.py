@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.world.arm import Arm
+from rcmqp.world.arm import Arm, ModelSource
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,7 @@ def geometry_of(arm: Arm, kind: pin.GeometryType) -> Geometry | None:
     if arm.source.carried:  # its meshes are elsewhere, and the names of files are a stranger's
         missing = _drop(root, kind, lambda mesh: True)
     else:
-        folders = [*arm.source.packages, *arm.source.urdf.resolve().parents]
-        missing = _resolve_meshes(root, kind, folders)
+        missing = _resolve_meshes(root, kind, _folders(arm.source))
     text = ET.tostring(root, encoding="unicode")
     model = pin.buildModelFromXML(text)
     try:
@@ -49,6 +48,19 @@ def geometry_of(arm: Arm, kind: pin.GeometryType) -> Geometry | None:
         text = ET.tostring(root, encoding="unicode")
         shapes = pin.buildGeomFromUrdfString(model, text, kind)
     return Geometry(model, shapes, tuple(missing))
+
+
+def mesh_files(source: ModelSource) -> dict[str, Path]:
+    """The files of an arm's meshes that are here, by their names in the URDF."""
+    meshes = ET.fromstring(source.text).iter("mesh")
+    names = dict.fromkeys(mesh.get("filename", "") for mesh in meshes)
+    found = ((name, _mesh_path(name, _folders(source))) for name in names)
+    return {name: path for name, path in found if path is not None}
+
+
+def _folders(source: ModelSource) -> list[Path]:
+    """In which meshes are looked for."""
+    return [*source.packages, *source.urdf.resolve().parents]
 
 
 def hangs_on(model: pin.Model, frame: int, name: str) -> bool:

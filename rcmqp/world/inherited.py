@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 from rcmqp.world.arm import find_frame
@@ -14,17 +16,25 @@ OF_ALL_JOINTS = ("speed_near_limits", "srs_offsets")
 """Keys that mean nothing for an arm with other joints."""
 
 
+SAME_AXIS = 0.01
+"""Angle up to which two z axes count as the same [rad]."""
+
+
 def entry_of(file: ArmFile, urdf: Urdf) -> dict[str, Any]:
     """What the file says; values that the registered arm has joint by joint are by joint name.
 
     A joint that the file locks has none, a rail is at the middle of its travel at home, and its
-    limits of acceleration and jerk are assumed.
+    limits of acceleration and jerk are assumed. Where the base or the mount is tilted, the shaft
+    would point elsewhere at the registered arm's home: it is searched.
 
     Args:
         file: the arm's file.
         urdf: that it names.
     """
     entry = dict(file.entry)
+    inherits = "home" in file.like and entry["home"] is file.like["home"]
+    if inherits and (_tilted(file, "base") or _tilted(file, "flange")):
+        del entry["home"]
     locked = entry.get("locked", {})
     if not file.like or (set(locked) == set(file.like.get("locked", {})) and "rail" not in entry):
         return entry
@@ -41,6 +51,13 @@ def entry_of(file: ArmFile, urdf: Urdf) -> dict[str, Any]:
         if entry.get(key) is file.like.get(key):
             entry.pop(key, None)
     return entry
+
+
+def _tilted(file: ArmFile, table: str) -> bool:
+    """Whether a placement in the file has another z axis than that of the registered arm."""
+    like = dataclasses.replace(file, entry=file.like)
+    turn = like.placement(table).rotation.T @ file.placement(table).rotation
+    return bool(turn[2, 2] < np.cos(SAME_AXIS))
 
 
 def _joints(urdf: Urdf, like: Any) -> list[str]:

@@ -14,7 +14,9 @@ from rcmqp.errors import JointLimitViolated, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm_limits import (
     ACCELERATION_TIME,
+    SPEED,
     SPEED_TIME,
+    STROKE_SPEED,
     UNITS,
     ArmLimits,
     SpeedNearLimits,
@@ -29,6 +31,8 @@ _ASSUMPTIONS = (
 )
 """What is assumed of a limit that is not known: another limit over a time."""
 
+ASSUMED = ("velocity", "acceleration", "jerk")
+"""Limits that may be assumed."""
 
 MOST_TURN, MOST_STROKE = 7.0, 2.0
 """How far from zero joints are drawn at random [rad], [m]: a turn, whatever the limits say."""
@@ -39,7 +43,8 @@ class Limited:
 
     Where no acceleration or jerk limit is known, one is assumed: a joint is taken to reach its
     speed limit in SPEED_TIME, and its acceleration limit in ACCELERATION_TIME. A joint whose
-    acceleration is said to have no limit has no jerk limit either, unless one is given.
+    acceleration is said to have no limit has no jerk limit either, unless one is given. Where the
+    speed limit is not known, as of an MJCF, it is SPEED or STROKE_SPEED.
 
     Attributes:
         name: what it is called.
@@ -84,7 +89,7 @@ class Limited:
 
     @property
     def assumed(self) -> frozenset[str]:
-        """Which limits, "acceleration" or "jerk", are assumed for at least one joint."""
+        """Which limits, see ASSUMED, are assumed for at least one joint."""
         return frozenset(name for name in self._assumed if self.is_assumed(name).any())
 
     def is_assumed(self, name: str) -> NDArray[np.bool_]:
@@ -107,7 +112,8 @@ class Limited:
             values, assumed = getattr(self, name), self.is_assumed(name)
             again = assumed & (values == getattr(self, of) / time)
             found[name] = _changed(values, again | (~assumed & (values == self._own[name])))
-        found["velocity"] = _changed(self.velocity, self.velocity == self._own["velocity"])
+        own_speed = self.is_assumed("velocity") | (self.velocity == self._own["velocity"])
+        found["velocity"] = _changed(self.velocity, own_speed)
         if self.speed_near_limits != self._own_speed_near_limits:
             found["speed_near_limits"] = self.speed_near_limits
         return ArmLimits(**found)
@@ -130,17 +136,18 @@ class Limited:
         """Check that a real arm may be driven with these limits.
 
         Raises:
-            OptionError: an acceleration or jerk limit is assumed, or infinite.
+            OptionError: a limit of speed, acceleration or jerk is assumed, or infinite.
         """
-        for name, _, _ in _ASSUMPTIONS:
+        for name in ASSUMED:
             values = getattr(self, name)
             if name not in self.assumed and np.isfinite(values).all():
                 continue
             state = "only assumed" if name in self.assumed else "infinite"
             numbers = ", ".join(f"{x:.4g}" for x in values)
+            give = "velocity=..." if name == "velocity" else "acceleration=..., jerk=..."
             raise OptionError(
                 f"the {name} limits of {self.name} are {state}: {numbers} {UNITS[name]}; give "
-                "those of the arm with load_arm(..., acceleration=..., jerk=...), or, having "
+                f"those of the arm with load_arm(..., {give}), or, having "
                 "checked that assumed ones are right, use load_arm(...).confirmed()"
             )
 
@@ -217,7 +224,12 @@ class Limited:
                 )
             now["lower"], _ = filled(given[:, 0], now["lower"])
             now["upper"], _ = filled(given[:, 1], now["upper"])
-        self._assumed: dict[str, tuple[Array, NDArray[np.bool_]]] = {}
+        now["velocity"], missing = filled(
+            now["velocity"], np.where(self.turns, SPEED, STROKE_SPEED)
+        )
+        self._assumed: dict[str, tuple[Array, NDArray[np.bool_]]] = {
+            "velocity": (now["velocity"], missing)
+        }
         for name, of, time in _ASSUMPTIONS:
             now[name], missing = filled(now[name], now[of] / time)
             self._assumed[name] = now[name], missing & np.isfinite(now[name])

@@ -43,6 +43,7 @@ from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.questions import file_questions, home_question, questions
 from rcmqp.world.urdf import (
     Urdf,
+    assumed_speeds,
     limits_of,
     model_of,
     placed,
@@ -102,15 +103,16 @@ def load_arm(
     (None keeps the joint's own), or numbers by joint name. The arm's own are those of its file,
     and else of the URDF. URDF 1.2 has acceleration, deceleration and jerk in <limit>; of the first
     two the smaller counts, for speeding up and for slowing down. Soft limits in a
-    <safety_controller> narrow the position limits. An acceleration or jerk limit that is nowhere
-    is assumed, see Limited and ``arm.assumed``; math.inf says that there is none.
+    <safety_controller> narrow the position limits. An acceleration or jerk limit that is nowhere,
+    or a speed limit that an MJCF does not have, is assumed, see Limited and ``arm.assumed``;
+    math.inf says that there is none.
 
     What looks wrong, such as degrees in place of radians, is said by an ArmWarning.
 
     Args:
         name: a name out of arm_names(); the path of an arm's file, which ends in .toml and has
             the format of robots/<name>/robot.toml; or the path of a URDF: .urdf, .urdf.gz, or
-            .xacro where the package xacro is installed.
+            .xacro where the package xacro is installed; or of an MJCF, .xml, where mujoco is.
         flange: only with a URDF: the frame that the instrument is mounted on, z outwards.
         home: only with a URDF: joint angles (nv,) of the starting pose [rad], or by joint name;
             without it, a configuration far from limits and singularities is searched, the same
@@ -347,7 +349,8 @@ def _set_position_and_speed(model: pin.Model, urdf: Urdf, own: Mapping[str, Any]
     none = np.full((len(joints), 2), np.nan)
     given = per_joint_position(own["position"], joints) if "position" in own else none
     speeds = per_joint("velocity", own["velocity"], joints) if "velocity" in own else none[:, 0]
-    model.velocityLimit, _ = filled(speeds, np.array(model.velocityLimit))
+    unknown = np.isin(joints, assumed_speeds(urdf))
+    model.velocityLimit, _ = filled(speeds, np.where(unknown, np.nan, model.velocityLimit))
     lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     for i, name in enumerate(joints):
         joint = model.joints[i + 1]

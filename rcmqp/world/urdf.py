@@ -19,6 +19,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from rcmqp.errors import ArmError
+from rcmqp.world.mjcf import urdf_from_mjcf
 from rcmqp.world.urdf_checks import check_numbers, check_tree, check_xml
 
 MOST_URDF = 64_000_000
@@ -35,7 +36,8 @@ class Urdf:
     Attributes:
         path: the file that it came from.
         root: its XML.
-        sha256: of the file's bytes, or, where the URDF was changed or made of a xacro, its text.
+        sha256: of the file's bytes, or, where the URDF was changed or made of a xacro or an MJCF,
+            its text.
     """
 
     path: Path
@@ -49,17 +51,19 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read a .urdf, a .urdf.gz, or a .xacro with the package xacro.
+    """Read a .urdf, a .urdf.gz, a .xacro with the package xacro, or an MJCF with mujoco.
 
     Raises:
         ArmError: the file is missing or too large, is no URDF, or cannot be an arm; the message
             names what is wrong and what to do.
     """
     raw = _bytes(path)
-    made = path.suffix.lower() == ".xacro"
-    if made:
+    if path.suffix.lower() == ".xacro":
         check_xml(raw, str(path))
         raw = _from_xacro(path)
+    elif path.suffix.lower() == ".xml" and b"<mujoco" in raw:
+        check_xml(raw, str(path))
+        raw = urdf_from_mjcf(path)
     return urdf_of(raw, path)
 
 
@@ -73,8 +77,7 @@ def urdf_of(raw: bytes, path: Path) -> Urdf:
     root = ET.fromstring(raw)
     if root.tag == "mujoco":
         raise ArmError(
-            f"{path} is not a URDF: it is MuJoCo's MJCF, which says nothing of speed limits; give "
-            "the arm's URDF, which its maker has, or convert the file to one"
+            f"{path} is not a URDF: it is MuJoCo's MJCF; give it with a name that ends in .xml"
         )
     if root.tag != "robot" or "name" not in root.attrib:
         raise ArmError(f'{path} is not a URDF: its root must be <robot name="...">')
@@ -125,6 +128,16 @@ def limits_of(urdf: Urdf, joints: Sequence[str]) -> dict[str, dict[str, float]]:
                 found = limits["jerk" if key == "jerk" else "acceleration"]
                 found[name] = min(float(limit.attrib[key]), found.get(name, math.inf))
     return limits
+
+
+def assumed_speeds(urdf: Urdf) -> list[str]:
+    """Joints whose speed limit only stands for one that is not known, as in an MJCF."""
+    limits = ((joint, joint.find("limit")) for joint in _joints(urdf))
+    return [
+        joint.attrib["name"]
+        for joint, limit in limits
+        if limit is not None and limit.get("assumed") == "velocity"
+    ]
 
 
 def soft_limits_of(urdf: Urdf, joint: str) -> tuple[float, float]:

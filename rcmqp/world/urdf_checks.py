@@ -15,6 +15,9 @@ MOST_DEPTH = 100
 MOST_LINKS = 2000
 """Links of a URDF: with more, its parser overflows the stack or takes minutes."""
 
+COUNTED = {"link": "links", "joint": "joints", "body": "bodies"}
+"""Elements of which there may be MOST_LINKS, and what several of them are called."""
+
 MOST_LENGTH = 1000.0
 """Of an <origin> [m]."""
 
@@ -26,20 +29,30 @@ _NOT_NEGATIVE = ("velocity", "effort")
 
 
 def check_xml(text: bytes, name: str) -> None:
-    """Refuse what makes an XML parser run away: entities, and elements nested very deep.
+    """Refuse what makes a parser run away: entities, elements nested very deep, too many links.
+
+    Links and joints of a URDF, and bodies of an MJCF, are counted while the XML is read.
 
     Raises:
         ArmError: the bytes are no XML, or such XML.
     """
     parser = expat.ParserCreate()
     depth = 0
+    counts = dict.fromkeys(COUNTED, 0)
 
     def entity(entity_name: str, *_: object) -> None:
         raise ArmError(f"{name} defines the XML entity {entity_name!r}, a URDF needs none; remove")
 
-    def start(*_: object) -> None:
+    def start(tag: str, _: object) -> None:
         nonlocal depth
         depth += 1
+        if tag in COUNTED and (depth == 2 or tag == "body"):
+            counts[tag] += 1
+            if counts[tag] > MOST_LINKS:
+                raise ArmError(
+                    f"{name} has more than {MOST_LINKS} {COUNTED[tag]}, at most so many are read; "
+                    "take out what does not move the flange"
+                )
         if depth > MOST_DEPTH:
             raise ArmError(f"{name} has more than {MOST_DEPTH} XML elements inside each other")
 
@@ -63,11 +76,6 @@ def check_tree(root: ET.Element, name: str) -> None:
     """
     links = [link.get("name", "") for link in root.iterfind("link")]
     joints = list(root.iterfind("joint"))
-    if max(len(links), len(joints)) > MOST_LINKS:
-        raise ArmError(
-            f"{name} has {len(links)} links and {len(joints)} joints, at most {MOST_LINKS} of "
-            "each are read; take out what does not move the flange"
-        )
     for what, names in (("link", links), ("joint", [j.get("name", "") for j in joints])):
         if twice := _twice(names):
             raise ArmError(f"{name}: two {what}s are called {twice!r}; rename one")

@@ -72,7 +72,7 @@ def _set_limits(model: pin.Model, arm: Arm) -> None:
         if joint.nq == 1:
             lower[joint.idx_q], upper[joint.idx_q] = arm.lower[i], arm.upper[i]
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
-    model.velocityLimit = np.array(arm.velocity)
+    model.velocityLimit = np.where(arm.is_assumed("velocity"), np.nan, arm.velocity)
 
 
 def _known(arm: Arm, name: str) -> list[float | None]:

@@ -21,6 +21,7 @@ from rcmqp.show.viewer.meshcat_ import Triangles
 from rcmqp.show.viewer.meshcat_ import geometry as g
 from rcmqp.show.viewer.surface import smooth
 from rcmqp.world.arm import Arm
+from rcmqp.world.carried import changed_meshes
 from rcmqp.world.geometry import geometry_of, hangs_on
 
 GREY = (0.78, 0.79, 0.81)
@@ -63,6 +64,13 @@ def _urdf_parts(arm: Arm) -> list[Part]:
         return []
     if found.missing:
         warnings.warn(_without(arm, found.missing), ArmWarning, stacklevel=1)
+    if arm.source is not None and (others := changed_meshes(arm.source)):
+        warnings.warn(
+            f"{arm.name} does not look as it did when the run was made: {', '.join(others)} of "
+            "that name are here, with another content",
+            ArmWarning,
+            stacklevel=1,
+        )
     parts = []
     for shape in found.shapes.geometryObjects:
         body = found.model.frames[shape.parentFrame]
