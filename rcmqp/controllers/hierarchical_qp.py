@@ -251,7 +251,7 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
     return (
         JointLimits(arm, period),
         TrocarCone(insertion.trocar, **rates(CONE_DECELERATION)),
-        TrocarDepth(insertion.trocar, insertion.tip_depth, **rates(DEPTH_DECELERATION)),
+        TrocarDepth(insertion.trocar, insertion.tip_depth, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )
 
