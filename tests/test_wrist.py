@@ -200,7 +200,7 @@ def test_a_path_waits_for_the_tool_and_not_for_the_shaft() -> None:
     reference = Reference(insertion.x_rcm, np.zeros(8), pivot, np.zeros(3))
     asked = dq.to_se3(insertion.x_rcm).act(np.array([0.0, 0.0, insertion.tip_depth]))
     far = np.linalg.norm(tool_by_hand(insertion, q).translation - asked)
-    found = tip_distance(insertion.state(q), reference, insertion.tip_depth)
+    found = tip_distance(insertion.state(q), reference, insertion)
     assert_allclose(found, far, rtol=0, atol=1e-12)
 
 

@@ -261,7 +261,7 @@ def _levels(controller: HierarchicalQP) -> tuple[LevelOfTasks, ...]:
     wrist = insertion.arm.wrist
     tool = (
         RcmTask(gain=gain, period=controller.period),
-        TipTask(insertion.tip_depth, gain=gain),
+        TipTask.made_for(insertion, gain=gain),
         RollTask(gain=gain) if wrist is None else OrientationTask.made_for(insertion, gain=gain),
     )
     if controller.K_c == 0.0:

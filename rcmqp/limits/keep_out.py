@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 from rcmqp._kernel import Block
 from rcmqp.limits.spheres import SphereLimit, bends, check_part
+from rcmqp.tasks.base import filled_in
 from rcmqp.world.insertion import Insertion
 
 
@@ -36,17 +37,11 @@ class KeepOut(SphereLimit):
     @classmethod
     def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
         """One limit for each obstacle of an insertion, for tip and shaft."""
-        return tuple(
-            cls(
-                centre=sphere.centre,
-                radius=sphere.radius,
-                instrument=insertion.instrument,
-                tip_depth=insertion.tip_depth,
-                label=f"obstacle {i}",
-                **options,
-            )
-            for i, sphere in enumerate(insertion.obstacles, start=1)
-        )
+        made = []
+        for i, sphere in enumerate(insertion.obstacles, start=1):
+            given = {"centre": sphere.centre, "radius": sphere.radius, "label": f"obstacle {i}"}
+            made.append(cls(**filled_in(cls, insertion, given | options)))
+        return tuple(made)
 
     @functools.cached_property
     def block(self) -> Block:
