@@ -151,12 +151,6 @@ def test_a_scenario_with_a_scope_is_the_same_out_of_its_own_text(runs: list[Run]
     assert "mount" not in load_scenario("helix").to_json().replace("mount_offset", "")
 
 
-def test_a_camera_task_refuses_a_camera_that_looks_aside() -> None:
-    scenario = load_scenario("camera_task", "panda", instrument=SCOPE)
-    with pytest.raises(OptionError, match="looks 30 deg from the shaft, rolled by 20 deg"):
-        next(scenario.references(scenario.insertion()))
-
-
 def test_an_instruments_file_is_read(tmp_path: Path) -> None:
     file = tmp_path / "scope.toml"
     file.write_text(FILE)

@@ -26,6 +26,7 @@ from rcmqp.limits import (
     TrocarDepth,
     make_limit,
 )
+from rcmqp.limits.spheres import bends
 from rcmqp.maths.dualquaternion import Array, from_se3
 from rcmqp.references.view import STILL
 from rcmqp.world.arm import Arm
@@ -235,7 +236,7 @@ def driven(
     block = Block(
         "trocar_depth",
         **{"gain": 60.0, "deceleration": 0.2, "jerk": 5.0, "period": T},
-        **{"tip_depth": 0.0, "shallowest": -1.0, "deepest": 0.05},
+        **{"last": 0.0, "shallowest": -1.0, "deepest": 0.05, **bends(None)},
     )
     J, still, rooms, speeds = np.eye(6)[:, 2:3], np.zeros(3), [], []
     a = 0.0

@@ -246,7 +246,7 @@ def test_references_do_not_depend_on_how_many_are_made_at_once(
 def test_a_view_deeper_than_the_shaft_is_refused() -> None:
     path = ViewMoves(views=((0.0, 0.0, 0.0, 0.3),))
     scenario = load_scenario("view_steps", path=path, planner_time=None)
-    with pytest.raises(InsertionError, match=r"the shaft is only 330\.0 mm long"):
+    with pytest.raises(InsertionError, match=r"the instrument is only 330\.0 mm long"):
         list(governed(scenario).references(scenario.insertion()))
 
 

@@ -16,11 +16,14 @@ from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp import Run, make_controller, simulate
+from rcmqp.cli import main
+from rcmqp.errors import OptionError
 from rcmqp.experiments.experiment_a import ARMS, BESIDE, comparison_table, reproduce_a
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.show import plots
 from rcmqp.show.tables import as_markdown
+from rcmqp.world.instrument_file import load_instrument
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +102,32 @@ def test_without_chromium_the_report_says_that_screenshots_are_left_out(
     text = (tmp_path / "report.md").read_text()
     assert "Screenshots of the arms are left out: Chromium is not installed" in text
     assert not any(file.name.startswith("helix_") for file in found.files)
+
+
+def test_an_instrument_of_ones_own_draws_every_helix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, made, asked = tmp_path / "short.toml", list[Any](), dict[str, Any]()
+    file.write_text("length = 0.3\n[mount]\nxyz = [0.0, 0.01, 0.02]\n")
+
+    def keep(runs: list[Run], *_: object, command: str, **__: object) -> list[Path]:
+        made.extend([runs, command])
+        return []
+
+    def ask(*_: object, **options: object) -> None:
+        asked.update(options)
+        raise OptionError("enough")
+
+    monkeypatch.setattr("rcmqp.experiments.experiment_a.write_report", keep)
+    monkeypatch.setattr("rcmqp.experiments.experiment_a.PERIODS", (8e-3,))
+    reproduce_a(tmp_path, arms=["lwa3"], duration=0.02, instrument=file)
+    runs, command = made
+    assert {run.scenario.instrument for run in runs} == {load_instrument(file)}
+    assert command.endswith("--instrument short.toml")
+    monkeypatch.setattr("rcmqp.experiments.experiment_a.reproduce_a", ask)
+    with pytest.raises(SystemExit):
+        main(["reproduce", "--instrument", str(file)])
+    assert asked["instrument"] == str(file)
 
 
 def test_the_table_holds_the_runs_own_numbers(runs: list[Run]) -> None:

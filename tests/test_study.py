@@ -490,7 +490,7 @@ def test_a_trial_that_fails_is_an_outcome_with_its_reason(tmp_path: Path) -> Non
     chosen = study(str(tmp_path / "far.py"), 1, seed=46)
     performed = perform(chosen, tmp_path / "out")
     (outcome,) = performed.outcomes
-    assert "the shaft is only 110.0 mm long" in outcome.failure
+    assert "the instrument is only 110.0 mm long" in outcome.failure
     assert math.isnan(outcome.rcm_rms_mm)
     assert not outcome.finished
     assert "1 trials failed; the first, operator 0: " in table(performed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,8 @@ import pytest
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.references.operators import CameraTrial
+from rcmqp.world.instrument_file import load_instrument
 
 
 def test_settings_of_controllers_are_laws_each_with_each_gain(
@@ -35,3 +39,30 @@ def test_settings_of_controllers_are_laws_each_with_each_gain(
         with pytest.raises(SystemExit):
             main([*command, "--gain", "30", "-c", wrong])
         assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "performs"),
+    [
+        (["study", "camera_task"], "rcmqp.experiments.study.perform.perform"),
+        (["reproduce", "-e", "b"], "rcmqp.experiments.study.experiment_b.perform"),
+    ],
+)
+def test_people_of_a_study_use_the_instrument_that_is_given(
+    command: list[str], performs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Study] = []
+
+    def ask(chosen: Study, *_: object, **__: object) -> None:
+        asked.append(chosen)
+        raise OptionError("enough")
+
+    monkeypatch.setattr(performs, ask)
+    (tmp_path / "scope.toml").write_text("[camera]\nangle = 0.5236\nroll = 0.2\n")
+    with pytest.raises(SystemExit):
+        main([*command, "--instrument", str(tmp_path / "scope.toml"), "--out", str(tmp_path)])
+    made = asked[0].trials()[0].made()
+    assert made.instrument == load_instrument(tmp_path / "scope.toml")
+    assert isinstance(made.path, CameraTrial)
+    assert made.path.task.towards == pytest.approx((0.0, 0.5, math.sqrt(0.75)), abs=1e-5)
+    assert dataclasses.replace(asked[0], instrument=None).trials()[0].made() != made

@@ -24,7 +24,7 @@ def test_the_shafts_jacobian_and_its_derivative_are_those_of_finite_differences(
     model, h = insertion.arm.model, 1e-5
     state = near_start(insertion, rng, 0.5)
     reference = near(state, rng, 0.05)
-    J, dJ = shaft_jacobian(state, reference, insertion.tip_depth)
+    J, dJ = shaft_jacobian(state, reference)
     assert_allclose(J, stacked(insertion, state, reference.pivot), rtol=0, atol=1e-13)
 
     def at(step: Array) -> Array:
@@ -43,7 +43,7 @@ def test_g_predicts_how_the_manipulability_changes(arm: str) -> None:
         state = near_start(insertion, rng, 0.5)
         reference = near(state, rng, 0.05)
         J = stacked(insertion, state, reference.pivot)
-        m, g = manipulability(*shaft_jacobian(state, reference, insertion.tip_depth))
+        m, g = manipulability(*shaft_jacobian(state, reference))
         assert_allclose(m, math.sqrt(np.linalg.det(J @ J.T)), rtol=1e-9)
         wanted = rng.normal(size=5)
 
@@ -91,7 +91,7 @@ def test_reconstruction_stops_the_tips_share_of_the_fall_and_leaves_the_rcm(arm:
         for v in (plain, kim):
             assert_allclose(J_rcm @ v, 60.0 * e_rcm, rtol=0, atol=1e-13 * max(size(v), 1.0))
         J = stacked(insertion, state, reference.pivot)
-        _, g = manipulability(*shaft_jacobian(state, reference, insertion.tip_depth))
+        _, g = manipulability(*shaft_jacobian(state, reference))
         before, after = (float(g[2:] @ (J @ v)[2:]) for v in (plain, kim))
         assert_allclose(after, max(before, 0.0), rtol=0, atol=1e-9 * size(g))
         changed += before < 0.0
@@ -123,7 +123,7 @@ def test_reconstruction_holds_the_arm_off_the_end_of_its_reach() -> None:
         law = made("task_priority", insertion, T, **options)
         states, answers = follow(law, deeper)
         m = [
-            manipulability(*shaft_jacobian(state, reference, insertion.tip_depth))[0]
+            manipulability(*shaft_jacobian(state, reference))[0]
             for state, reference in zip(states, deeper, strict=True)
         ]
         pivot = deeper[0].pivot

@@ -13,6 +13,16 @@ import pinocchio as pin
 import pytest
 from helpers import assert_allclose, derivative
 from opened import Opened
+from wristed import (
+    ARMS,
+    JOINTS,
+    NEEDLE_DRIVER,
+    PITCH_TO_YAW,
+    YAW_TO_TIP,
+    inserted,
+    somewhere,
+    tool_by_hand,
+)
 
 from rcmqp import Instrument, Run, Scenario, load_arm, make_controller, simulate
 from rcmqp.controllers import CONTROLLERS
@@ -32,40 +42,6 @@ from rcmqp.world.instrument import Mount, Wrist, WristJoint
 from rcmqp.world.instrument_file import INSTRUMENTS, load_instrument
 from rcmqp.world.obstacles import Sphere
 from rcmqp.world.port import Port
-
-ARMS = ("lwa3", "panda", "ur10")
-NEEDLE_DRIVER = load_instrument("large_needle_driver")
-PITCH_TO_YAW, YAW_TO_TIP, SHAFT = 0.0091, 0.0102, 0.4162
-JOINTS = 3
-
-
-def tool_by_hand(insertion: Insertion, q: Array) -> pin.SE3:
-    """The needle driver's tool: the flange of the arm alone, and then one turn after the other."""
-    arm = load_arm(insertion.arm.name)
-    data, roll, pitch, yaw = arm.model.createData(), *insertion.arm.angles(q)[-JOINTS:]
-    pin.framesForwardKinematics(arm.model, data, q[: arm.nq])
-
-    def turned(axis: str, angle: float, along: float) -> pin.SE3:
-        R = pin.utils.rotate(axis, angle)
-        return pin.SE3(R, R @ np.array([0.0, 0.0, along]))
-
-    end = data.oMf[arm.model.getFrameId(arm.flange)] * pin.SE3(np.eye(3), np.array([0, 0, SHAFT]))
-    return (
-        end
-        * turned("z", roll, 0.0)
-        * turned("y", pitch, PITCH_TO_YAW)
-        * turned("x", yaw, YAW_TO_TIP)
-    )
-
-
-def inserted(name: str, instrument: Instrument = NEEDLE_DRIVER) -> Insertion:
-    return Insertion.on_shaft(load_arm(name), instrument)
-
-
-def somewhere(insertion: Insertion, rng: np.random.Generator) -> Array:
-    """Angles (nv,) near the start, the wrist bent."""
-    near = insertion.angles_start + rng.uniform(-0.3, 0.3, insertion.arm.nv)
-    return np.asarray(np.clip(near, insertion.arm.lower, insertion.arm.upper))
 
 
 @pytest.fixture(scope="module", params=ARMS)
@@ -224,7 +200,7 @@ def test_a_path_waits_for_the_tool_and_not_for_the_shaft() -> None:
     reference = Reference(insertion.x_rcm, np.zeros(8), pivot, np.zeros(3))
     asked = dq.to_se3(insertion.x_rcm).act(np.array([0.0, 0.0, insertion.tip_depth]))
     far = np.linalg.norm(tool_by_hand(insertion, q).translation - asked)
-    found = tip_distance(insertion.state(q), reference, insertion.tip_depth)
+    found = tip_distance(insertion.state(q), reference, insertion)
     assert_allclose(found, far, rtol=0, atol=1e-12)
 
 

@@ -15,6 +15,7 @@ from rcmqp.cli.options import (
     Axis,
     Cone,
     Depth,
+    InstrumentOption,
     Tolerance,
     Trocar,
     port_of,
@@ -49,6 +50,7 @@ def reproduce(
     depth: Depth = None,
     cone: Cone = None,
     tolerance: Tolerance = None,
+    instrument: InstrumentOption = None,
     practice: Annotated[float | None, PRACTICE] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -74,12 +76,16 @@ def reproduce(
     if experiment.lower() == "b":
         people = 20 if operators is None else operators
         processes = 1 if jobs is None else jobs
-        reproduce_b(folder, people, seed or 0, processes, as_json, factors, practice, port)
+        reproduce_b(
+            folder, people, seed or 0, processes, as_json, factors, practice, port, instrument
+        )
         return
     from rcmqp.experiments.experiment_a import reproduce_a
 
     with console.bar(quiet=as_json) as advance:
-        found = reproduce_a(folder, duration=duration, port=port, progress=advance)
+        found = reproduce_a(
+            folder, duration=duration, port=port, instrument=instrument, progress=advance
+        )
     if as_json:
         runs = [*found.runs, *found.rivals]
         console.print_json([console.run_json(each, compute_metrics(each)) for each in runs])

@@ -16,10 +16,12 @@ from rcmqp.cli.options import (
     Cone,
     Depth,
     FlangeOption,
+    InstrumentOption,
     JerkOption,
     Jobs,
     Tolerance,
     Trocar,
+    instrument_of,
     limits_of,
     port_of,
     scenario_changes,
@@ -77,6 +79,7 @@ def study(
     depth: Depth = None,
     cone: Cone = None,
     tolerance: Tolerance = None,
+    instrument: InstrumentOption = None,
     practice: Annotated[float | None, PRACTICE] = None,
     jobs: Jobs = 1,
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
@@ -116,8 +119,18 @@ def study(
     arms = tuple(arm or [""])
     limits = limits_of(acceleration, jerk)
     learning = learning_of(practice)
-    port = port_of(trocar, axis, depth, cone, tolerance).get("port")
-    chosen = Study(scenario, operators, seed, arms, tuple(laws), flange, limits, learning, port)
+    chosen = Study(
+        scenario,
+        operators,
+        seed,
+        arms,
+        tuple(laws),
+        flange,
+        limits,
+        learning,
+        **port_of(trocar, axis, depth, cone, tolerance),
+        **instrument_of(instrument),
+    )
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder, jobs=jobs, progress=advance)
     text, files = write_tables(performed)
@@ -147,6 +160,7 @@ def reproduce_b(
     factors: bool,
     practice: float | None,
     port: Port | None = None,
+    instrument: str | None = None,
 ) -> None:
     """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
     from rcmqp.experiments.study import experiment_b  # joblib and SciPy take long to import
@@ -160,6 +174,7 @@ def reproduce_b(
             factors=factors,
             learning=learning_of(practice),
             port=port,
+            **instrument_of(instrument),
             progress=advance,
         )
     studies = [found.performed, *([found.factorial] if found.factorial else [])]

@@ -98,7 +98,7 @@ class Aghakhani(Controller):
 
     @functools.cached_property
     def _tip(self) -> TipTask:
-        return TipTask(self.insertion.tip_depth, gain=self.gain)
+        return TipTask.made_for(self.insertion, gain=self.gain)
 
     def reset(self) -> None:
         """Forget lambda; the next step starts it from the projection."""

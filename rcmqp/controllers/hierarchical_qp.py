@@ -251,7 +251,7 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
     return (
         JointLimits(arm, period),
         TrocarCone(insertion.trocar, **rates(CONE_DECELERATION)),
-        TrocarDepth(insertion.trocar, insertion.tip_depth, **rates(DEPTH_DECELERATION)),
+        TrocarDepth(insertion.trocar, insertion.tip_depth, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )
 
@@ -261,7 +261,7 @@ def _levels(controller: HierarchicalQP) -> tuple[LevelOfTasks, ...]:
     wrist = insertion.arm.wrist
     tool = (
         RcmTask(gain=gain, period=controller.period),
-        TipTask(insertion.tip_depth, gain=gain),
+        TipTask.made_for(insertion, gain=gain),
         RollTask(gain=gain) if wrist is None else OrientationTask.made_for(insertion, gain=gain),
     )
     if controller.K_c == 0.0:

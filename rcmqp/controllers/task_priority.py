@@ -95,7 +95,7 @@ class TaskPriority(Controller):
 
     @functools.cached_property
     def _tip(self) -> TipTask:
-        return TipTask(self.insertion.tip_depth, gain=self.gain)
+        return TipTask.made_for(self.insertion, gain=self.gain)
 
     @functools.cached_property
     def _objective(self) -> ObjectiveTask | None:
@@ -118,8 +118,7 @@ class TaskPriority(Controller):
         b_rcm, b_tip = -self.rcm_gain * rcm.error - rcm.drift, tip.b
         rest, diagnostics = np.zeros(state.angles.size), {}
         if self._reconstruction is not None:
-            depth = self.insertion.tip_depth
-            b_tip, m = self._reconstruction.of_tip(state, reference, depth, b_tip)
+            b_tip, m = self._reconstruction.of_tip(state, reference, b_tip)
             diagnostics["manipulability"] = m
         if self._objective is not None:
             rest = self._objective.level(state, reference).b
@@ -129,8 +128,7 @@ class TaskPriority(Controller):
     def _manipulability_at_start(self) -> float:
         insertion = self.insertion
         still = Reference(insertion.x_rcm, np.zeros(8), translation(insertion.x_rcm), np.zeros(3))
-        rows = shaft_jacobian(insertion.state(insertion.q_start), still, insertion.tip_depth)
-        return manipulability(*rows)[0]
+        return manipulability(*shaft_jacobian(insertion.state(insertion.q_start), still))[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,19 +76,17 @@ class TaskReconstruction:
         k_2 = self.escape * max(1.0 - m / self.m_2, 0.0)
         return np.asarray(wanted - (k * min(float(n @ wanted), 0.0) - k_2) * n)
 
-    def of_tip(
-        self, state: ArmState, reference: Reference, tip_depth: float, wanted: Array
-    ) -> tuple[Array, float]:
+    def of_tip(self, state: ArmState, reference: Reference, wanted: Array) -> tuple[Array, float]:
         """The tip's wanted velocity (3,) in the world [m/s], reconstructed, and m.
 
         For the right-hand side of any rows of the tip: TipTask's level, and so a level of a
         hierarchy below the RCM's.
         """
-        m, g = manipulability(*shaft_jacobian(state, reference, tip_depth))
+        m, g = manipulability(*shaft_jacobian(state, reference))
         return self.reconstruct(wanted, m, state.oMe.rotation @ g[2:]), m
 
 
-def shaft_jacobian(state: ArmState, reference: Reference, tip_depth: float) -> tuple[Array, Array]:
+def shaft_jacobian(state: ArmState, reference: Reference) -> tuple[Array, Array]:
     """Jacobian J (5, nv) of the RCM's rows and the tip, and its derivative (5, nv, nv).
 
     In the effector's axes: two rows of RcmTask, d(pivot, x and y)/dq; then three rows, the
@@ -102,7 +100,7 @@ def shaft_jacobian(state: ArmState, reference: Reference, tip_depth: float) -> t
     seen = pin.skew(r) @ turned - nu
     seen_dot = np.cross(r_dot[:, None, :], turned[:, :, None], axis=0)
     seen_dot = seen_dot + np.einsum("ab,bij->aij", pin.skew(r) @ shaft, H[3:]) - H[:3]
-    a = pin.skew(np.array([0.0, 0.0, tip_depth]))
+    a = pin.skew(state.oMe.actInv(state.tool.oMt.translation))
     tip, tip_dot = nu - a @ omega, H[:3] - np.einsum("ab,bij->aij", a, H[3:])
     return np.vstack([seen[:2], tip]), np.concatenate([seen_dot[:2], tip_dot])
 

@@ -116,7 +116,7 @@ class VfiQP(Controller):
 
     @functools.cached_property
     def _tip(self) -> TipTask:
-        return TipTask(self.insertion.tip_depth)
+        return TipTask.made_for(self.insertion)
 
     @functools.cached_property
     def _obstacles(self) -> tuple[KeepOut, ...]:

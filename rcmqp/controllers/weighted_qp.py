@@ -76,7 +76,7 @@ class WeightedQP(Controller):
         insertion, gain = self.insertion, self.gain
         tasks = (
             RcmTask(gain=gain, weight=self.rcm_weight)
-            + TipTask(insertion.tip_depth, gain=gain, weight=self.tip_weight)
+            + TipTask.made_for(insertion, gain=gain, weight=self.tip_weight)
             + RollTask(gain=gain, weight=self.roll_weight)
         )
         if self.objective_weight > 0.0:

@@ -31,6 +31,8 @@ from rcmqp.show.report.build import INDEX, LATEX, NUMBERS, TEXT, write_report
 from rcmqp.show.report.document import Picture, Screenshot, Section
 from rcmqp.show.table import Table
 from rcmqp.show.viewer.browser import chromium_path
+from rcmqp.world.instrument import Instrument
+from rcmqp.world.instrument_file import load_instrument
 from rcmqp.world.loading import arm_title
 from rcmqp.world.port import Port
 
@@ -98,6 +100,7 @@ def reproduce_a(
     arms: Sequence[str] = ARMS,
     duration: float | None = None,
     port: Port | None = None,
+    instrument: str | os.PathLike[str] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ExperimentA:
     """Run experiment A with the paper's controller and write runs, a table and a report.
@@ -113,11 +116,13 @@ def reproduce_a(
         arms: names that load_arm() knows; the paper's two.
         duration: how long to simulate [s]; the whole helix without it.
         port: where the incision is; None for each scenario's own.
+        instrument: name or file of one, see load_instrument(); None for each scenario's own.
         progress: called with the run's title, cycles done since the last call, cycles in all.
 
     Raises:
         RunFileError: the folder or a file in it cannot be written.
     """
+    tool = None if instrument is None else load_instrument(instrument)
     folder = make_folder(out)
     law = [(HELIX, LAW, arm, period) for period in PERIODS for arm in arms]
     rival = [(scenario, setting, arm, PERIODS[-1]) for scenario, setting in BESIDE for arm in arms]
@@ -129,7 +134,7 @@ def reproduce_a(
         check_writable(file)
     found = []
     for case, file in zip(law + rival, files, strict=False):
-        found.append(helix(*case, duration, progress, port))
+        found.append(helix(*case, duration, progress, port, tool))
         found[-1].save(file)
     runs, rivals = found[: len(law)], found[len(law) :]
     metrics = [compute_metrics(run) for run in runs]
@@ -145,6 +150,7 @@ def reproduce_a(
     again = ["rcmqp", "reproduce", "--out", str(out)]
     again += [] if duration is None else ["--duration", f"{duration:g}"]
     again += [] if port is None else _options(port)
+    again += [] if instrument is None else ["--instrument", Path(instrument).name]
     names = [file.name for file in files[: len(found)]]
     written = write_report(
         found,
@@ -180,6 +186,7 @@ def helix(
     duration: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     port: Port | None = None,
+    instrument: Instrument | None = None,
 ) -> Run:
     """A helix, or the first ``duration`` [s] of it, under a controller.
 
@@ -191,9 +198,11 @@ def helix(
         duration: how long to simulate [s].
         progress: see reproduce_a().
         port: where the incision is; None for the scenario's.
+        instrument: in place of the scenario's own; None for that.
     """
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    made = load_scenario(scenario, arm, period=period, port=port, **changes)
+    changes |= {"port": port, "instrument": instrument}
+    made = load_scenario(scenario, arm, period=period, **changes)
     title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
     name, options = controller_of(setting)
 

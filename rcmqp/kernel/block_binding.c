@@ -14,6 +14,7 @@ int add_block_type(PyObject *module);
 PyObject *paced(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
 #define DAMPER "gain deceleration jerk period "
+#define SPHERE "centre velocity on_trocar reach first last "
 
 /* What a kind is made of: numbers, and lines of numbers a joint. */
 static const struct {
@@ -31,11 +32,10 @@ static const struct {
     [JOINTS] = {"joints", "period",
                 "lowest highest velocity acceleration jerk braking easing"},
     [TROCAR_CONE] = {"trocar_cone", DAMPER "half_angle axis", ""},
-    [TROCAR_DEPTH] = {"trocar_depth", DAMPER "tip_depth shallowest deepest", ""},
-    [KEEP_OUT] = {"keep_out", DAMPER "centre velocity on_trocar reach first last", ""},
-    [KEEP_IN] = {"keep_in", DAMPER "centre velocity on_trocar reach first last", ""},
-    [ENTRY_SPHERE] = {"entry_sphere",
-                      DAMPER "centre velocity on_trocar reach first last", ""},
+    [TROCAR_DEPTH] = {"trocar_depth", DAMPER "last wrist bends shallowest deepest", ""},
+    [KEEP_OUT] = {"keep_out", DAMPER SPHERE "wrist bends", ""},
+    [KEEP_IN] = {"keep_in", DAMPER SPHERE "wrist bends", ""},
+    [ENTRY_SPHERE] = {"entry_sphere", DAMPER SPHERE, ""},
     [SINGULARITY_PRODUCT] = {"singularity_product", "", "offsets"},
     [MANIPULABILITY] = {"manipulability", "", ""},
     [LEAST_SINGULAR_VALUE] = {"least_singular_value", "", ""},
@@ -66,6 +66,8 @@ static const struct {
     {"reach", offsetof(Block, reach), 1},
     {"first", offsetof(Block, first), 1},
     {"last", offsetof(Block, last), 1},
+    {"bends", offsetof(Block, bends), 1},
+    {"wrist", offsetof(Block, wrist), BEND_NUMBERS * MOST_BENDS},
 };
 
 /* The next word of a text, copied; where it ends, or NULL after the last. */
@@ -174,6 +176,10 @@ static int fill_block(BlockObject *self)
     if (lines < 0 || more < 0) return -1;
     if (numbers + lines + more != PyDict_Size(self->options)) {
         PyErr_Format(PyExc_TypeError, "unknown options for a block of the kind %s", name);
+        return -1;
+    }
+    if (!(block->bends >= 0.0 && block->bends <= MOST_BENDS)) {
+        PyErr_Format(PyExc_ValueError, "a wrist has %d joints at most", MOST_BENDS);
         return -1;
     }
     if (block->kind == SINGULARITY_PRODUCT && block->n != 7) {

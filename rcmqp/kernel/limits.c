@@ -57,10 +57,69 @@ static void cone_row(const Cycle *cycle, const Block *block, double *C, double *
     d[0] = paced(cycle, block, C, block->half_angle - atan2(sine, axis[2]), 0.0);
 }
 
+/* Places of an instrument, seen from the effector: the end of the shaft, the joints of a wrist after
+ * the first, which is there, and the tip. Place k is moved by the first k joints of the wrist. */
+typedef struct {
+    int bends;
+    double place[MOST_BENDS + 1][3], axis[MOST_BENDS][3];
+} Chain;
+
+/* Rotate R (3, 3) by an angle about a unit vector of its own axes. */
+static void turn_by(double *R, const double *axis, double angle)
+{
+    const double c = cos(angle), s = sin(angle);
+    for (int i = 0; i < 3; ++i, R += 3) {
+        double aside[3];
+        cross(R, axis, aside);
+        const double along = dot(R, axis, 3);
+        for (int j = 0; j < 3; ++j) R[j] = c * R[j] + s * aside[j] + (1.0 - c) * along * axis[j];
+    }
+}
+
+static void see_chain(const Cycle *cycle, const Block *block, Chain *chain)
+{
+    double R[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+    const int m = chain->bends = (int)block->bends;
+    chain->place[0][0] = chain->place[0][1] = 0.0, chain->place[0][2] = block->last;
+    for (int k = 0; k < m; ++k) {
+        const double *joint = block->wrist + BEND_NUMBERS * k;
+        turned(R, joint, chain->axis[k]);
+        turn_by(R, joint, cycle->angles[cycle->n - m + k]);
+        for (int i = 0; i < 3; ++i)
+            chain->place[k + 1][i] = chain->place[k][i] + joint[3] * R[3 * i + 2];
+    }
+}
+
+/* How far the place k + 1 is from the place k. */
+static double length_of(const Block *block, int k) { return block->wrist[BEND_NUMBERS * k + 3]; }
+
+/* Rigid pieces beyond the shaft. */
+int pieces_of(const Block *block)
+{
+    int count = 0;
+    for (int k = 0; k < (int)block->bends; ++k) count += length_of(block, k) > 0.0;
+    return count;
+}
+
+/* Add to a row, per joint velocity, how its first `moved` joints move a point (3) along u. */
+static void add_wrist(const Cycle *cycle, const Chain *chain, const double *point, int moved,
+                      const double *u, double *C)
+{
+    for (int k = 0; k < moved; ++k) {
+        double lever[3], speed[3];
+        for (int i = 0; i < 3; ++i) lever[i] = point[i] - chain->place[k][i];
+        cross(chain->axis[k], lever, speed);
+        C[cycle->n - chain->bends + k] += dot(u, speed, 3);
+    }
+}
+
 static void depth_rows(const Cycle *cycle, const Block *block, double *C, double *d)
 {
     const int n = cycle->n;
+    const double in[3] = {0.0, 0.0, 1.0}, out[3] = {0.0, 0.0, -1.0};
     double r[3], drift[3], nu[3], omega[3], a[3];
+    Chain chain;
+    see_chain(cycle, block, &chain);
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, drift);
     for (int j = 0; j < n; ++j) {
@@ -68,7 +127,9 @@ static void depth_rows(const Cycle *cycle, const Block *block, double *C, double
         cross(r, omega, a);
         C[j] = nu[2] - a[2], C[n + j] = a[2] - nu[2];
     }
-    const double depth = block->tip_depth - r[2];
+    const double *tip = chain.place[chain.bends], depth = tip[2] - r[2];
+    add_wrist(cycle, &chain, tip, chain.bends, in, C);
+    add_wrist(cycle, &chain, tip, chain.bends, out, C + n);
     d[0] = paced(cycle, block, C, block->deepest - depth, drift[2]);
     d[1] = paced(cycle, block, C + n, depth - block->shallowest, -drift[2]);
 }
@@ -85,12 +146,21 @@ static void see_sphere(const Cycle *cycle, const Block *block, double *b, double
     turned_back(cycle->R, velocity, drift);
 }
 
-/* One row for the point s of the axis: away from the sphere's centre (side 1), or towards it (-1).
- * At the centre the first has a way out, along x, and the second a row of zeros. */
-static void sphere_row(const Cycle *cycle, const Block *block, const double *b,
-                       const double *drift, double s, double side, double *C, double *d)
+/* A sphere and an instrument, seen from the effector: the centre b and its velocity. */
+typedef struct {
+    const Cycle *cycle;
+    const Block *block;
+    Chain chain;
+    double b[3], drift[3], side; /* 1: away from the centre; -1: towards it */
+} Sight;
+
+/* One row for a point that the first `moved` joints of the wrist move.
+ * At the centre the side 1 has a way out, along x, and the side -1 a row of zeros. */
+static void sphere_row(const Sight *sight, const double *point, int moved, double *C, double *d)
 {
-    double u[3] = {b[0], b[1], b[2] - s}, nu[3], omega[3], a[3];
+    const Cycle *cycle = sight->cycle;
+    const double *b = sight->b, side = sight->side;
+    double u[3] = {b[0] - point[0], b[1] - point[1], b[2] - point[2]}, nu[3], omega[3], a[3];
     const double delta = sqrt(dot(u, u, 3));
     for (int i = 0; i < 3; ++i)
         u[i] = delta > SPHERE_CENTRE ? u[i] / delta : i == 0 && side > 0.0;
@@ -99,23 +169,51 @@ static void sphere_row(const Cycle *cycle, const Block *block, const double *b,
         cross(b, omega, a);
         C[j] = -side * (u[0] * (a[0] - nu[0]) + u[1] * (a[1] - nu[1]) + u[2] * (a[2] - nu[2]));
     }
-    d[0] = paced(cycle, block, C, side * (delta - block->reach), side * dot(u, drift, 3));
+    const double way[3] = {side * u[0], side * u[1], side * u[2]};
+    add_wrist(cycle, &sight->chain, point, moved, way, C);
+    d[0] = paced(cycle, sight->block, C, side * (delta - sight->block->reach),
+                 side * dot(u, sight->drift, 3));
+}
+
+/* The row of the nearest point of the shaft. */
+static void shaft_row(const Sight *sight, double *C, double *d)
+{
+    const Block *block = sight->block;
+    const double nearest[3] = {0.0, 0.0, smaller(larger(sight->b[2], block->first), block->last)};
+    sphere_row(sight, nearest, 0, C, d);
+}
+
+/* And of the nearest point of the piece from place k to the next. */
+static void piece_row(const Sight *sight, int k, double *C, double *d)
+{
+    const double *from = sight->chain.place[k], *to = sight->chain.place[k + 1];
+    double way[3], apart[3], nearest[3];
+    for (int i = 0; i < 3; ++i) way[i] = to[i] - from[i], apart[i] = sight->b[i] - from[i];
+    const double share = clipped(dot(apart, way, 3) / dot(way, way, 3), 0.0, 1.0);
+    for (int i = 0; i < 3; ++i) nearest[i] = from[i] + share * way[i];
+    sphere_row(sight, nearest, k + 1, C, d);
 }
 
 static void sphere_rows(const Cycle *cycle, const Block *block, double *C, double *d)
 {
-    const double first = block->first, last = block->last;
-    double b[3], drift[3];
-    see_sphere(cycle, block, b, drift);
-    const double nearest = smaller(larger(b[2], first), last);
-    switch (block->kind) {
-    case KEEP_OUT: sphere_row(cycle, block, b, drift, nearest, 1.0, C, d); break;
-    case ENTRY_SPHERE: sphere_row(cycle, block, b, drift, nearest, -1.0, C, d); break;
-    default:
-        sphere_row(cycle, block, b, drift, last, -1.0, C, d);
-        if (first != last)
-            sphere_row(cycle, block, b, drift, first, -1.0, C + cycle->n, d + 1);
+    Sight sight = {.cycle = cycle, .block = block, .side = block->kind == KEEP_OUT ? 1.0 : -1.0};
+    see_sphere(cycle, block, sight.b, sight.drift);
+    see_chain(cycle, block, &sight.chain);
+    const int m = sight.chain.bends, n = cycle->n, tip_only = block->first == block->last;
+    const double mount[3] = {0.0, 0.0, block->first};
+    if (block->kind == ENTRY_SPHERE) {
+        shaft_row(&sight, C, d);
+        return;
     }
+    if (tip_only || block->kind == KEEP_IN) sphere_row(&sight, sight.chain.place[m], m, C, d);
+    else shaft_row(&sight, C, d);
+    for (int k = 0; k < m && !tip_only; ++k) {
+        if (!(length_of(block, k) > 0.0)) continue;
+        C += n, ++d;
+        if (block->kind == KEEP_IN) sphere_row(&sight, sight.chain.place[k], k, C, d);
+        else piece_row(&sight, k, C, d);
+    }
+    if (block->kind == KEEP_IN && !tip_only) sphere_row(&sight, mount, 0, C + n, d + 1);
 }
 
 /* Narrow the box (n) by one limit, or write its rows C v <= d. */

@@ -222,14 +222,16 @@ static void objective_rows(const Cycle *cycle, const Block *block, double *A, do
 /* How many rows a block has for an arm of n joints; -1 where it is for another. */
 int rows_of(const Block *block, int n)
 {
-    if (block->n != 0 && block->n != n) return -1;
+    if ((block->n != 0 && block->n != n) || block->bends > n) return -1;
+    const int tip_only = block->first == block->last;
     switch (block->kind) {
     case RCM: case DIRECTION: case TROCAR_DEPTH: return 2;
     case TIP: case ORIENTATION: return 3;
     case POSE: return 8;
     case POSTURE: case OBJECTIVE: return n;
-    case KEEP_IN: return block->first == block->last ? 1 : 2;
-    case DEPTH: case ROLL: case TROCAR_CONE: case KEEP_OUT: case ENTRY_SPHERE: return 1;
+    case KEEP_OUT: return tip_only ? 1 : 1 + pieces_of(block);
+    case KEEP_IN: return tip_only ? 1 : 2 + pieces_of(block);
+    case DEPTH: case ROLL: case TROCAR_CONE: case ENTRY_SPHERE: return 1;
     default: return 0;
     }
 }

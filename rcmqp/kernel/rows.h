@@ -21,10 +21,10 @@ typedef enum {
     OBJECTIVE, /* K_c, c_d, objective */
     JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
     TROCAR_CONE,  /* of a damper, half_angle, axis */
-    TROCAR_DEPTH, /* of a damper, tip_depth, shallowest, deepest */
-    KEEP_OUT,     /* of a damper, centre, velocity, on_trocar, reach, first, last */
-    KEEP_IN,      /* the same; first is last where only that end counts */
-    ENTRY_SPHERE, /* the same */
+    TROCAR_DEPTH, /* of a damper, last, wrist, bends, shallowest, deepest */
+    KEEP_OUT,     /* of a damper, centre, velocity, on_trocar, reach, first, last, wrist, bends */
+    KEEP_IN,      /* the same; in both, first is last where only the tip counts */
+    ENTRY_SPHERE, /* the same without wrist and bends */
     SINGULARITY_PRODUCT, /* vectors: offsets */
     MANIPULABILITY,
     LEAST_SINGULAR_VALUE,
@@ -39,6 +39,10 @@ typedef enum {
 #define JOINT_NUMBERS 7
 enum { LOWEST, HIGHEST, SPEED, ACCELERATION, JERK, BRAKING, EASING };
 
+/* Most joints of a wrist, see MOST_JOINTS in world/instrument.py; and the numbers of each. */
+#define MOST_BENDS 6
+#define BEND_NUMBERS 4
+
 /* The options; what a kind does not have is zero. */
 typedef struct Block {
     Kind kind;
@@ -50,7 +54,9 @@ typedef struct Block {
     double centre[3], velocity[3];
     double on_trocar;   /* whether the sphere moves along with the trocar */
     double reach;       /* how near or far the axis may be to the centre */
-    double first, last; /* ends of the part of the axis that counts, from the effector */
+    double first, last; /* ends of the part of the shaft that counts, from the effector */
+    double bends;       /* joints of a wrist, which are the arm's last ones */
+    double wrist[BEND_NUMBERS * MOST_BENDS]; /* of each its axis (3), and how far the next place is */
     const struct Block *objective;
     int n;              /* joints that it is for; 0: any arm */
     double *vectors;    /* (count, n) */
@@ -78,6 +84,8 @@ typedef struct {
 void see(Cycle *cycle);
 
 int rows_of(const Block *block, int n);
+
+int pieces_of(const Block *block);
 
 void task_rows(const Cycle *cycle, const Block *block, double *A, double *b, double *e,
                Arena *arena);

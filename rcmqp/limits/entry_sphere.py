@@ -14,11 +14,11 @@ from rcmqp.limits.spheres import SphereLimit
 class EntrySphere(SphereLimit):
     """Make the shaft pass through a sphere: the trocar as a tube, not as a point.
 
-    delta <= radius - instrument.radius for the nearest point of the shaft. The entry sphere of
-    Marinho et al. 2019.
+    delta <= radius - instrument.radius for the nearest point of the shaft, which ends at the first
+    joint of a wrist. The entry sphere of Marinho et al. 2019.
 
     Departures: the paper damps the squared distance of the shaft's whole line, without the
-    shaft's radius; here it is the distance itself of the segment from mount to tip.
+    shaft's radius; here it is the distance itself of the segment from mount to the shaft's end.
     """
 
     name: ClassVar[str] = "entry_sphere"

@@ -7,19 +7,21 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from rcmqp._kernel import Block
-from rcmqp.limits.spheres import SphereLimit, check_part
+from rcmqp.limits.spheres import SphereLimit, bends, check_part
+from rcmqp.tasks.base import filled_in
 from rcmqp.world.insertion import Insertion
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KeepOut(SphereLimit):
-    """Keep the tip, or the whole shaft, out of a sphere.
+    """Keep the tip, or the whole instrument, out of a sphere.
 
-    delta >= radius + instrument.radius for the tip or for the nearest point of the shaft. With
-    the centre right on the axis every direction is a way out, and the effector's x is taken.
+    delta >= radius + instrument.radius for the tip, or for the nearest point of the shaft and of
+    each piece of a wrist. With the centre right on the axis every direction is a way out, and the
+    effector's x is taken.
 
     Attributes:
-        part: ``"shaft"``, from mount to tip, or ``"tip"``.
+        part: ``"shaft"``, from mount to tip, with a wrist's pieces; or ``"tip"``.
     """
 
     name: ClassVar[str] = "keep_out"
@@ -35,25 +37,21 @@ class KeepOut(SphereLimit):
     @classmethod
     def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
         """One limit for each obstacle of an insertion, for tip and shaft."""
-        return tuple(
-            cls(
-                centre=sphere.centre,
-                radius=sphere.radius,
-                instrument=insertion.instrument,
-                tip_depth=insertion.tip_depth,
-                label=f"obstacle {i}",
-                **options,
-            )
-            for i, sphere in enumerate(insertion.obstacles, start=1)
-        )
+        made = []
+        for i, sphere in enumerate(insertion.obstacles, start=1):
+            given = {"centre": sphere.centre, "radius": sphere.radius, "label": f"obstacle {i}"}
+            made.append(cls(**filled_in(cls, insertion, given | options)))
+        return tuple(made)
 
     @functools.cached_property
     def block(self) -> Block:
-        """One row [m/s]."""
-        first = self.mount_depth if self.part == "shaft" else self.tip_depth
-        return self.ball("keep_out", self.radius + self.instrument.radius, first)
+        """One row [m/s]; with a wrist, one more for each of its pieces."""
+        first = self.mount_depth if self.part == "shaft" else self.shaft_depth
+        reach = self.radius + self.instrument.radius
+        return self.ball("keep_out", reach, first, **bends(self.instrument.wrist))
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the one row."""
-        return (f"{self.label}, {self.part} out",)
+        """Of the tip; or of the shaft and a wrist's pieces, by the joint that each begins at."""
+        pieces = self.pieces() if self.part == "shaft" else ()
+        return tuple(f"{self.label}, {part} out" for part in (self.part, *pieces))

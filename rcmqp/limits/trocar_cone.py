@@ -20,6 +20,8 @@ class TrocarCone(CompiledLimit, Damper):
 
         theta' = (n_y omega_x - n_x omega_y) / sin theta <= pace(cone_half_angle - theta).
 
+    Only the shaft is in the trocar, so a wrist, beyond it, does not count.
+
     On the axis the direction of a tilt is not defined and the row is zero: the first cycle away
     from there is free. Opposite to it, every direction is a way back, and x is taken.
 

@@ -127,7 +127,7 @@ class Session:
             "tip_d": insertion.tip(asked.x_d).tolist(),
             "pivot": pivot.tolist(),
             "slip": slip(state.x, pivot).tolist(),
-            "tip_error": [tip_distance(state, asked, insertion.tip_depth)],
+            "tip_error": [tip_distance(state, asked, insertion)],
             "depth": [float(insertion_depth(state.x, pivot, insertion.tip_depth))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,

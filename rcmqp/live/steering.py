@@ -96,7 +96,7 @@ class Steering:
                 self._still = True
                 self._hand.view = self._viscous.view = self._view(state)
                 self.reference = view_pose(self._insertion.x_rcm, self._viscous.view)
-        elif tip_distance(state, self.reference, self._insertion.tip_depth) > LEASH:
+        elif tip_distance(state, self.reference, self._insertion) > LEASH:
             self._hand.view = self._view(state)
 
     def _view(self, state: ArmState) -> ViewCommand:

@@ -173,11 +173,12 @@ class Governed:
         """
         sent = self._sent if sent is None else sent
         if sent is not None:
-            self.clock.see(tip_distance(state, sent, self._insertion.tip_depth))
+            self.clock.see(tip_distance(state, sent, self._insertion))
 
 
-def tip_distance(state: ArmState, reference: Reference, tip_depth: float) -> float:
+def tip_distance(state: ArmState, reference: Reference, insertion: Insertion) -> float:
     """Distance of a state's tip from a reference's [m]."""
+    tip_depth = insertion.tip_depth
     if isinstance(state.tool_at, tuple):
         asked = dq.translation(camera_pose(reference.x_d, tip_depth))
         return float(np.linalg.norm(dq.translation(state.tool_at[0]) - asked))

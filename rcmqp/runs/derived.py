@@ -20,7 +20,8 @@ class Derived:
     """Channels of a run out of the rows that its cycles leave, block after block.
 
     The blocks' sizes do not matter, to the bit. The tip of an instrument with a wrist is its tool,
-    and its orientation error is that from the orientation at the start.
+    its depth is that of the tool along the shaft, and its orientation error is that from the
+    orientation at the start.
     """
 
     def __init__(self, scenario: Scenario, insertion: Insertion) -> None:
@@ -52,7 +53,8 @@ class Derived:
         tip, tip_d, seen = _kernel.observed(x, x_d, pivot, axis, insertion.tip_depth)
         if insertion.arm.wrist is not None:
             tool = np.array([insertion.state(q).tool_at[0] for q in rows["q"]])
-            tip = dq.translation(tool)
+            tip, along = dq.translation(tool), dq.rotate(dq.P(x), np.array([0.0, 0.0, 1.0]))
+            seen[:, _OBSERVED.index("depth")] = np.sum((tip - pivot) * along, axis=1)
             turn = dq.quaternion_mul(dq.quaternion_conj(dq.P(tool)), dq.P(insertion.tool_start))
             seen[:, _OBSERVED.index("tip_error")] = np.linalg.norm(tip - tip_d, axis=1)
             seen[:, _OBSERVED.index("orientation_error")] = 2.0 * np.arctan2(

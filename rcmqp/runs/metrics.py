@@ -153,17 +153,26 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
 
 
 def obstacle_distance(run: Run) -> Array:
-    """Distance (n,) of the instrument from the nearest obstacle [m], see scene.clearance()."""
+    """Distance (n,) of the instrument from the nearest obstacle [m], see clearance().
+
+    Of an instrument with a wrist, the least of those of its shaft and of its pieces.
+    """
     shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
     obstacles, instrument = run.scenario.obstacles, run.scenario.instrument
-    if instrument.wrist is None:
+    wrist = instrument.wrist
+    if wrist is None or not obstacles:
         return clearance(obstacles, instrument, run.tip, shaft)
-    out = dq.translation(run.x) - run.pivot
-    beyond = run.depth - np.sum(out * shaft, axis=1) - instrument.wrist.length
-    end = dq.translation(run.x) + beyond[:, None] * shaft
-    point = dataclasses.replace(instrument, length=1e-9)  # the wrist counts by its tool's point
-    along = clearance(obstacles, instrument, end, shaft)
-    return np.minimum(along, clearance(obstacles, point, run.tip, shaft))
+    arm, m = run.insertion().arm, len(wrist.joints)
+    joints = np.array([arm.skeleton(q)[-1 - m : -1] for q in run.q])
+    first = dataclasses.replace(instrument, length=instrument.length + wrist.joints[0].along)
+    least = clearance(obstacles, first, joints[:, 0], shaft)
+    places = [*joints.swapaxes(0, 1), run.tip]
+    for k, length in enumerate(wrist.pieces):
+        if length > 0.0:
+            piece = dataclasses.replace(instrument, length=length)
+            way = (places[k + 1] - places[k]) / length
+            least = np.minimum(least, clearance(obstacles, piece, places[k + 1], way))
+    return least
 
 
 def _rows_asked(scenario: Scenario, stop: Standstill) -> int:

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.operators import seen_by
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument, vector3
@@ -33,12 +34,14 @@ def with_instrument(scenario: Scenario, instrument: Instrument) -> Scenario:
     """The scenario with another instrument; the arm stays where it is.
 
     The trocar is put on the new shaft, its tip as deep inside as before; what the scenario has in
-    the patient goes along as in at_port().
+    the patient goes along as in at_port(). The spheres of a camera task are put where the camera
+    looks.
 
     Raises:
         InsertionError: the shaft is too short.
     """
     before = scenario.insertion()
+    scenario = dataclasses.replace(scenario, path=seen_by(scenario.path, instrument.camera))
     same = ("mount", "tip", "wrist")
     if all(getattr(instrument, name) == getattr(before.instrument, name) for name in same):
         return dataclasses.replace(scenario, instrument=instrument)

@@ -32,6 +32,7 @@ from rcmqp.maths.options import (
 from rcmqp.plants import PLANTS, Kinematic, Plant
 from rcmqp.references.governor import Governed, Governor, PathClock, check_may_wait
 from rcmqp.references.operators import STEERED, Steered
+from rcmqp.references.operators.camera_task import AHEAD
 from rcmqp.references.paths import PATHS, Foreign, Path, views_of
 from rcmqp.references.planner import Planner
 from rcmqp.references.view import Reference, carried, view_pose
@@ -439,6 +440,9 @@ class Scenario:
                 data[name] = {"kind": self.path.kind, **self.path.numbers}
                 continue
             data[name] = {"kind": _kind_of(name, getattr(self, name)), **data[name]}
+        match data["path"]:
+            case {"task": {"towards": towards}} if towards == AHEAD:  # likewise
+                del data["path"]["task"]["towards"]
         return json.dumps(data, allow_nan=False)
 
     @classmethod

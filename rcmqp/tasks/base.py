@@ -263,6 +263,7 @@ def filled_in(
         "instrument": insertion.instrument,
         "trocar": insertion.trocar,
         "tip_depth": insertion.tip_depth,
+        "wrist": insertion.arm.wrist,
     }
     fields = [field for field in dataclasses.fields(cls) if field.init]
     found = {field.name: known[field.name] for field in fields if field.name in known}

@@ -27,6 +27,9 @@ from rcmqp.maths.options import (
 STEEPEST_VIEW = math.radians(70.0)
 """The most that a camera may look away from the shaft [rad]."""
 
+MOST_JOINTS = 6
+"""Of a wrist; MOST_BENDS of the kernel."""
+
 LONGEST = 2.0
 """Length above which an instrument is taken to be in millimetres [m]."""
 
@@ -202,8 +205,8 @@ def _wrist_joints(name: str, values: Iterable[Any]) -> tuple[WristJoint, ...]:
     """Joints; mappings, as files have them, are taken for their keyword arguments."""
     take = part(WristJoint)["rule"]
     joints = tuple(take(name, value) for value in values)
-    if not joints:
-        raise refused(name, values, "at least one joint; an instrument without one has no wrist")
+    if not 1 <= len(joints) <= MOST_JOINTS:
+        raise refused(name, values, f"1 to {MOST_JOINTS} joints; a tool without one has no wrist")
     return joints
 
 
@@ -226,6 +229,11 @@ class Wrist:
     def length(self) -> float:
         """From the end of the shaft to the tool's point where the wrist is straight [m]."""
         return sum(joint.along for joint in self.joints) + self.tool
+
+    @property
+    def pieces(self) -> tuple[float, ...]:
+        """From each joint to the next, and from the last one to the tool's point [m]."""
+        return (*(joint.along for joint in self.joints[1:]), self.tool)
 
 
 @options

@@ -12,12 +12,16 @@ from typing import Any
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import why
 from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist, WristJoint
+from rcmqp.world.wrist_urdf import wrist_of_urdf
 
 PARTS: dict[str, type] = {"camera": Camera, "mount": Mount, "wrist": Wrist}
 """Tables of the file, and what each is made into."""
 
 INSTRUMENTS = ("large_needle_driver",)
 """Names of the instruments that rcmqp has."""
+
+IN_URDF = ("urdf", "shaft", "tip")
+"""Keys of [wrist] where a URDF has it."""
 
 SOURCES = "sources"
 """A table that only says where the numbers come from."""
@@ -44,11 +48,21 @@ def load_instrument(path: str | os.PathLike[str]) -> Instrument:
     Its keys are the attributes of Instrument, its tables [mount], [camera] and [wrist] those of
     Mount, Camera and Wrist, and each [[wrist.joints]] those of a WristJoint: lengths in m, angles
     in rad. What is left out is as Instrument has it. [sources] may
-    say where the numbers come from.
+    say where the numbers come from. A wrist may be in a URDF, the robot's or the instrument's own:
+
+        [wrist]
+        urdf = "my_robot.urdf"
+        shaft = "instrument_base"
+        tip = "tool_tip"
+
+    are the file, from this one's folder, and two of its links; see wrist_of_urdf(). The length of
+    the shaft is there, too.
 
     Raises:
         OptionError: the file is missing, is not TOML, or a value is not allowed.
         UnknownName: a key is not known.
+        ArmError: the URDF, or the wrist in it, cannot be used.
+        FrameNotFound: the URDF has no such link.
     """
     own = importlib.resources.files("rcmqp.world") / "instruments" / f"{path}.toml"
     path = Path(str(own) if path in INSTRUMENTS else path)
@@ -73,13 +87,29 @@ def load_instrument(path: str | os.PathLike[str]) -> Instrument:
                 raise OptionError(
                     f"{path}: {table} = {entry[table]!r:.50}, it must be a table: [{table}]"
                 )
-            _check_keys(path, f" [{table}]", kind, entry[table])
-    if "wrist" in entry:
+            if "urdf" not in entry[table] or table != "wrist":
+                _check_keys(path, f" [{table}]", kind, entry[table])
+    if "wrist" in entry and "urdf" not in entry["wrist"]:
         _check_joints(path, entry["wrist"].get("joints"))
     try:
+        if "urdf" in entry.get("wrist", {}):
+            _read_wrist(path, entry)
         return Instrument(**entry)
     except OptionError as error:
         raise OptionError(f"{path}: {error}") from error
+
+
+def _read_wrist(path: Path, entry: dict[str, Any]) -> None:
+    """Put the wrist of a URDF into an entry, and the length of the shaft before it."""
+    table = entry["wrist"]
+    if sorted(table) != sorted(IN_URDF) or not all(isinstance(x, str) for x in table.values()):
+        raise OptionError(
+            f"{path}: [wrist] with a urdf has {', '.join(IN_URDF)}, each a text, and nothing else"
+        )
+    if "length" in entry:
+        raise OptionError(f"{path}: the URDF of [wrist] says how long the shaft is; no length")
+    end, entry["wrist"] = wrist_of_urdf(path.parent / table["urdf"], table["shaft"], table["tip"])
+    entry["length"] = end - float(entry.get("mount_offset", 0.0))
 
 
 def _check_joints(path: Path, joints: Any) -> None:

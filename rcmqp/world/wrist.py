@@ -37,7 +37,8 @@ def with_wrist(arm: Arm, instrument: Instrument) -> Arm:
     _set_limits(model, arm)
     place = arm.jMflange * instrument.on_shaft(instrument.end)
     for joint in wrist.joints:
-        if model.existJointName(joint.name) or model.existFrame(joint.name):
+        body = model.existFrame(joint.name, pin.FrameType.BODY)
+        if model.existJointName(joint.name) or body:  # it may be held there, beyond the flange
             raise OptionError(
                 f"the wrist's joint {joint.name!r} has a name that {arm.name} has already; give "
                 "it another"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
+from rcmqp.world.instrument import Instrument
 from rcmqp.world.port import Port
 
 JUMP = "device_jump.h5"
@@ -53,6 +55,7 @@ def reproduce_b(
     factors: bool = False,
     learning: Learning | None = None,
     port: Port | None = None,
+    instrument: Instrument | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ExperimentB:
     """Run experiment B with the paper's law at T = 8 ms on the LWA3, and write what it gives.
@@ -66,6 +69,7 @@ def reproduce_b(
             and limits, see rcmqp.experiments.study.factors; 12 further trials for each person.
         learning: of the novices; None for people who do not learn.
         port: where the incision is; None for the scenario's.
+        instrument: in place of the scenario's own; None for that.
         progress: see perform().
 
     Raises:
@@ -73,7 +77,14 @@ def reproduce_b(
     """
     folder = make_folder(out)
     law = Law()
-    study = Study(operators=operators, seed=seed, laws=(law,), learning=learning, port=port)
+    study = Study(
+        operators=operators,
+        seed=seed,
+        laws=(law,),
+        learning=learning,
+        port=port,
+        instrument=instrument,
+    )
     performed = perform(study, folder, jobs=jobs, progress=progress)
     jump = device_jump(law)
     jump.save(folder / JUMP)
@@ -97,12 +108,6 @@ def _factorial(
     study: Study, folder: Path, jobs: int, progress: Callable[[str, int, int], None] | None
 ) -> tuple[Performed, str]:
     """The study of every combination, in a folder of its own, and its table."""
-    every = Study(
-        operators=study.operators,
-        seed=study.seed,
-        laws=tuple(factors().values()),
-        learning=study.learning,
-        port=study.port,
-    )
+    every = dataclasses.replace(study, laws=tuple(factors().values()))
     performed = perform(every, folder / FACTORS, jobs=jobs, progress=progress)
     return performed, factor_table(performed.outcomes)

@@ -21,6 +21,7 @@ from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.port import at_port
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
+from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import names_its_flange
 from rcmqp.world.port import Port
 
@@ -117,6 +118,7 @@ class Trial:
         limits: of the joints, in place of the arm's own; None for those.
         learning: of the novices; None for the scenario's, as a rule none.
         port: where the incision is; None for the scenario's.
+        instrument: in place of the scenario's own; None for that.
     """
 
     scenario: str
@@ -128,6 +130,7 @@ class Trial:
     limits: ArmLimits | None = None
     learning: Learning | None = None
     port: Port | None = None
+    instrument: Instrument | None = None
 
     @property
     def stem(self) -> str:
@@ -144,7 +147,14 @@ class Trial:
         flange = self.flange if self.arm and not names_its_flange(self.arm) else None
         files = tuple(_stamp(name) for name in (self.scenario, self.arm))
         base = _base(
-            self.scenario, self.arm, flange, self.law.period, self.limits, self.port, files
+            self.scenario,
+            self.arm,
+            flange,
+            self.law.period,
+            self.limits,
+            self.port,
+            self.instrument,
+            files,
         )
         given = camera_trial(base.path, self.scenario)
         if given.operator != Operator():
@@ -185,6 +195,7 @@ class Study:
         learning: of the novices, practice before the trial and learning in it; None for people
             who do not learn.
         port: where the incision is; None for the scenario's.
+        instrument: in place of the scenario's own; None for that.
     """
 
     scenario: str = "camera_task"
@@ -196,6 +207,7 @@ class Study:
     limits: ArmLimits | None = None
     learning: Learning | None = None
     port: Port | None = None
+    instrument: Instrument | None = None
 
     def __post_init__(self) -> None:
         """Check the flange and the seed."""
@@ -217,6 +229,7 @@ class Study:
                 self.limits,
                 self.learning,
                 self.port,
+                self.instrument,
             )
             for i, arm, law in itertools.product(range(self.operators), self.arms, self.laws)
         ]
@@ -230,10 +243,13 @@ def _base(
     period: float,
     limits: ArmLimits | None,
     port: Port | None,
+    instrument: Instrument | None,
     files: tuple[Stamp, ...],
 ) -> Scenario:
     """The scenario without anybody in it; ``files`` is for the cache alone."""
-    base = load_scenario(scenario, arm or None, flange=flange, period=period)
+    base = load_scenario(
+        scenario, arm or None, flange=flange, instrument=instrument, period=period
+    )
     if limits is not None:
         given = dataclasses.replace(base.limits or ArmLimits(), **limits.given())
         base = dataclasses.replace(base, limits=given)

@@ -21,7 +21,7 @@ from rcmqp.references.operators.population import (
     operator_of_study,
 )
 from rcmqp.references.operators.steering import Steering, recognition_times
-from rcmqp.references.operators.trial import CameraTrial, camera_trial
+from rcmqp.references.operators.trial import CameraTrial, camera_trial, seen_by
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.plugins import Registry
@@ -73,4 +73,5 @@ __all__ = [
     "draw_operator",
     "operator_of_study",
     "recognition_times",
+    "seen_by",
 ]

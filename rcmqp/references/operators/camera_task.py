@@ -8,9 +8,12 @@ import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.maths.options import options, positive
-from rcmqp.world.instrument import Vector3
+from rcmqp.maths.options import options, positive, rule
+from rcmqp.world.instrument import Vector3, unit_vector3
 from rcmqp.world.obstacles import Sphere
+
+AHEAD = (0.0, 0.0, 1.0)
+"""Along the shaft."""
 
 CORNERS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 """Of the square, in the order of the objectives: left or right, above or below in the image."""
@@ -22,9 +25,10 @@ class CameraTask:
     """Coloured spheres, the camera positions that show them as asked for, and an obstacle.
 
     Everything is seen from the trocar in the axes of x_d(0), x to the right and y down in the
-    first image, z into the patient. The views have no roll, so where the camera is decides what
-    it shows. The paper gives the square's side, the tolerance, that the spheres are of one
-    radius and the obstacle is big and between objectives 2 and 3; the rest is chosen here.
+    first image of a camera that looks along the shaft, z into the patient. The views have no
+    roll, so where the camera is decides what it shows. The paper gives the square's side, the
+    tolerance, that the spheres are of one radius and the obstacle is big and between objectives
+    2 and 3; the rest is chosen here.
 
     Attributes:
         side: of the square of spheres [m]; the paper's 5 cm.
@@ -38,6 +42,8 @@ class CameraTask:
             the others. Its surface is 17 mm from the camera at either, and that is the most that
             the least distance of a trial can be; the paper's was 12.52 mm with a deviation of 5.
         tolerance: distance from an objective at which it counts as reached [m]; the paper's 1 mm.
+        towards: (3,) unit vector from each objective to its sphere: where the camera looks at the
+            start. load_scenario() sets it for a camera that looks to the side.
     """
 
     side: float = field(default=0.05, metadata=positive("m"))
@@ -46,6 +52,7 @@ class CameraTask:
     sphere_radius: float = field(default=0.004, metadata=positive("m"))
     obstacle_radius: float = field(default=0.008, metadata=positive("m"))
     tolerance: float = field(default=1e-3, metadata=positive("m"))
+    towards: Vector3 = field(default=AHEAD, metadata=rule(unit_vector3))
 
     def __post_init__(self) -> None:
         """Check that the obstacle leaves room for the objectives."""
@@ -63,9 +70,9 @@ class CameraTask:
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """The coloured spheres, each straight beyond its target."""
-        depth = self.target_depth + self.standoff
-        return tuple(Sphere((x, y, depth), self.sphere_radius) for x, y, _ in self.targets)
+        """The coloured spheres, each beyond its target."""
+        a, b, c = (self.standoff * share for share in self.towards)
+        return tuple(Sphere((x + a, y + b, z + c), self.sphere_radius) for x, y, z in self.targets)
 
     @property
     def obstacle(self) -> Sphere:

@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
@@ -41,8 +42,8 @@ class Eyes:
 
         s_x = floor + weber |e_x|,   s_z = floor + weber |e_z| + cross |e|,
 
-    and a further error in depth. What is not in the image is remembered, from the first image,
-    which shows all, by its place beside the nearest sphere that is. A memory is off by N(0, 1) of
+    and a further error in depth. What is not in the image is remembered, from the pictures of the
+    objectives, by its place beside the nearest sphere that is. A memory is off by N(0, 1) of
     ``memory`` times the distance between the two, by the same on the whole way to an objective.
     Nothing is perceived of an image in which none of the spheres can be seen. That one thing may
     hide another is left out.
@@ -54,15 +55,17 @@ class Eyes:
         """In front of the camera of an insertion.
 
         Raises:
-            OptionError: the camera does not look straight along the shaft, or a wrist moves it.
+            OptionError: a wrist moves the camera, or it looks past the spheres.
         """
         insertion.check_camera_on_shaft("a camera task")
         camera = insertion.instrument.camera
-        if camera.angle or camera.roll:
+        self._camera = dq.P(dq.from_se3(pin.SE3(camera.rotation, np.zeros(3))))
+        ahead = dq.rotate(self._camera, np.array([0.0, 0.0, 1.0]))
+        if math.acos(min(1.0, float(ahead @ task.towards))) > camera.field_of_view / 2.0:
             raise OptionError(
-                f"the camera looks {math.degrees(camera.angle):.0f} deg from the shaft, rolled by "
-                f"{math.degrees(camera.roll):.0f} deg; a camera task is for a person at one that "
-                "looks along the shaft: set angle and roll of the camera to 0"
+                f"the camera looks along {ahead.round(3).tolist()}, and the spheres of the task "
+                f"are in the direction towards = {task.towards} of its objectives, out of the "
+                "image; give towards the camera's direction, as load_scenario() does"
             )
         self.operator, self._rng = operator, rng
         self._tip_depth = insertion.tip_depth
@@ -142,7 +145,8 @@ class Eyes:
 
     def _turned(self, x: Array) -> Array:
         """Rotation (4,) from the axes of the start to those of the image at x (8,)."""
-        return dq.quaternion_mul(dq.quaternion_conj(dq.P(x)), self._r_start)
+        seen = dq.quaternion_mul(dq.P(x), self._camera)
+        return dq.quaternion_mul(dq.quaternion_conj(seen), self._r_start)
 
     def _judge(self, away: list[float]) -> Vector3:
         """A way (3,) [m] with the operator's errors of sight."""

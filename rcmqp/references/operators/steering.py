@@ -93,7 +93,8 @@ class Steering:
         _, tremor, perception, movement = _streams(seed)
         self._hand = Hand(operator, device, period, np.random.default_rng(tremor))
         self._encoder = Encoder(device, period)
-        self._view = HandView(mapping, insertion.tip_depth)
+        camera = insertion.instrument.camera
+        self._view, self._turned = HandView(mapping, insertion.tip_depth, camera), camera.rotation
         self._eyes = Eyes(operator, task, insertion, np.random.default_rng(perception))
         self._rng = np.random.default_rng(movement)
         self._touching = task.obstacle_radius + insertion.instrument.radius
@@ -183,10 +184,17 @@ class Steering:
             x, y, z = (operator.gain * a / self._scale for a in away)
         length = math.hypot(x, y, z)
         noise = (operator.motor_noise * length * self._rng.normal(size=3)).tolist()
-        way = (x + noise[0], y + noise[1], max(z + noise[2], -here[2]))
+        way = self._inside(here, (x + noise[0], y + noise[1], z + noise[2]))
         lasts = duration(operator, math.hypot(*way))
         self._move = Submovement(here, way, t, lasts)
         self._next = t + max(operator.interval, lasts + 0.9 * operator.delay)
+
+    def _inside(self, here: Vector3, way: Vector3) -> Vector3:
+        """A way (3,) of the hand, cut so that the tip is not drawn out past where it started."""
+        x, y, z = (self._turned @ np.array(way)).tolist()
+        deep = float(self._turned[2] @ np.array(here))
+        a, b, c = (self._turned.T @ np.array([x, y, max(z, -deep)])).tolist()
+        return a, b, c
 
     def _perceived(self, t: float) -> Vector3 | None:
         """The way (3,) [m] to the point beside the obstacle, or to the objective; see Eyes."""

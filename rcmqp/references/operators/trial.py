@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from rcmqp.errors import OptionError
 from rcmqp.maths.options import options, or_none, part, positive
@@ -14,8 +16,10 @@ from rcmqp.references.operators.omega7 import Omega7
 from rcmqp.references.operators.operator import Operator
 from rcmqp.references.operators.steering import Steering
 from rcmqp.world.insertion import Insertion
-from rcmqp.world.instrument import Vector3
+from rcmqp.world.instrument import Camera, Vector3
 from rcmqp.world.obstacles import Sphere
+
+P = TypeVar("P")
 
 
 @options
@@ -91,3 +95,11 @@ def camera_trial(path: object, scenario: str) -> CameraTrial:
         f"nobody steers in {scenario}: its path is a {type(path).__name__}; a study needs a "
         "CameraTrial, as camera_task has"
     )
+
+
+def seen_by(path: P, camera: Camera) -> P:
+    """A path for this camera: the spheres of a CameraTrial where the camera looks at the start."""
+    if not isinstance(path, CameraTrial):
+        return path
+    a, b, c = camera.rotation[:, 2].tolist()
+    return dataclasses.replace(path, task=dataclasses.replace(path.task, towards=(a, b, c)))
