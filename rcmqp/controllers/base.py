@@ -23,6 +23,7 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, positive, refused
 from rcmqp.qp import HierarchySolution, InvalidProblem, WrongShape
 from rcmqp.references.view import Reference
+from rcmqp.tasks.objectives import own_objective
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -77,6 +78,7 @@ class Controller(abc.ABC):
         enforces: which of the arm's joint limits the law enforces, of JOINT_LIMITS; None does not
             say. Tables name them, see ``given``.
         holds_roll: whether the law controls the instrument's roll about its shaft, likewise.
+        remark: a sentence that a reader of its numbers needs; it stands below tables of them.
         insertion: what is controlled.
         moves_wrist: whether the law knows of a tool that a wrist turns.
         period: sampling period T [s].
@@ -87,6 +89,7 @@ class Controller(abc.ABC):
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {}
     enforces: ClassVar[tuple[str, ...] | None] = None
     holds_roll: ClassVar[bool | None] = None
+    remark: ClassVar[str] = ""
 
     insertion: Insertion
     period: float = field(metadata=positive("s"))
@@ -125,12 +128,16 @@ class Controller(abc.ABC):
     def given(self) -> Given:
         """What the controller is given; every table, page and figure of its runs says it.
 
-        It is known of ``feed_forward``, ``gain``, ``enforces`` and ``holds_roll``. A law whose
-        options change more than that overrides this property.
+        It is known of ``feed_forward``, ``gain``, ``enforces``, ``holds_roll``, and of
+        ``objective`` and ``K_c``, where it is 0. A law whose options change more than that
+        overrides this property.
         """
         gain = getattr(self, "gain", None)
         ahead = getattr(self, "feed_forward", None)
-        return Given(ahead, self.enforces, gain=gain, roll=self.holds_roll)
+        objective = "none" if getattr(self, "K_c", 1.0) == 0.0 else getattr(self, "objective", "")
+        if not isinstance(objective, str) or objective == own_objective(self.insertion.arm):
+            objective = ""
+        return Given(ahead, self.enforces, gain=gain, roll=self.holds_roll, objective=objective)
 
     def reset(self) -> None:  # noqa: B027  (most controllers keep nothing)
         """Forget the run so far."""

@@ -28,6 +28,8 @@ class Given:
         gain: K [1/s]; None if the controller has no single one.
         roll: whether the law controls the instrument's roll about its shaft; None if the
             controller does not say.
+        objective: what its redundant joints are for, if not the arm's own objective: the name of
+            one, or "none"; empty for the arm's own.
     """
 
     feed_forward: bool | None = None
@@ -35,6 +37,7 @@ class Given:
     way: str = ""
     gain: float | None = None
     roll: bool | None = None
+    objective: str = ""
 
     @property
     def roll_text(self) -> str:
@@ -79,8 +82,9 @@ class Given:
                 raise ValueError(f"{name} = {value!r:.50} must be true or false")
         if unknown := set(found.limits or ()) - set(JOINT_LIMITS):
             raise ValueError(f"limits: {sorted(unknown)[0]!r:.50} is none of {JOINT_LIMITS}")
-        if not isinstance(found.way, str) or len(found.way) > 1000:
-            raise ValueError("way must be a text of 1000 letters at most")
+        for name, text in (("way", found.way), ("objective", found.objective)):
+            if not isinstance(text, str) or len(text) > 1000:
+                raise ValueError(f"{name} must be a text of 1000 letters at most")
         if type(found.gain) not in (int, float, type(None)):
             raise ValueError(f"gain = {found.gain!r:.50} must be a number")
         return found

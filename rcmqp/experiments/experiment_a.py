@@ -26,7 +26,7 @@ from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show import plots, tables
-from rcmqp.show.labels import GIVEN, given_cells
+from rcmqp.show.labels import given_cells, given_names
 from rcmqp.show.report.build import INDEX, LATEX, NUMBERS, TEXT, write_report
 from rcmqp.show.report.document import Picture, Screenshot, Section
 from rcmqp.show.table import Table
@@ -214,7 +214,7 @@ def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> Table:
             _PAPER_GIVEN.get(name, "not given"),
             *(cells[name] for cells in given),
         ]
-        for name in GIVEN
+        for name in given_names(given)
     ]
     ends = [until(found.errors_until_s, found.duration_s) for found in metrics]
     rows.append([MEASURES["errors_until_s"].row, "not given", *ends])

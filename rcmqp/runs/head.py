@@ -95,7 +95,7 @@ class Head:
             sha.update(json.dumps(tuple(self.assumed)).encode())
         if self.given != UNKNOWN:
             said = json.loads(self.given.to_json())
-            del said["roll"]  # of which earlier versions did not speak
+            del said["roll"], said["objective"]  # of which earlier versions did not speak
             sha.update(json.dumps(said).encode())
         return sha.hexdigest()
 
