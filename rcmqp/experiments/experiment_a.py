@@ -15,14 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import Controller, make_controller
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import ToolMissing
 from rcmqp.files import check_writable, make_folder
+from rcmqp.runs.head import check_own
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.measures import until
 from rcmqp.runs.metrics import Metrics, compute_metrics
 from rcmqp.runs.run import Run
+from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show import plots, tables
@@ -116,7 +118,7 @@ def reproduce_a(
         progress: called with the run's title, cycles done since the last call, cycles in all.
 
     Raises:
-        RunFileError: the folder or a file in it cannot be written.
+        RunFileError: the folder or a file in it cannot be written, or a file holds another run.
     """
     folder = make_folder(out)
     law = [(HELIX, LAW, arm, period) for period in PERIODS for arm in arms]
@@ -127,6 +129,8 @@ def reproduce_a(
     files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, LATEX, INDEX)]
     for file in files:
         check_writable(file)
+    for case, file in zip(law + rival, files, strict=False):
+        check_own(file, *_made(*case, duration, port))
     found = []
     for case, file in zip(law + rival, files, strict=False):
         found.append(helix(*case, duration, progress, port))
@@ -192,16 +196,24 @@ def helix(
         progress: see reproduce_a().
         port: where the incision is; None for the scenario's.
     """
-    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    made = load_scenario(scenario, arm, period=period, port=port, **changes)
+    made, controller = _made(scenario, setting, arm, period, duration, port)
     title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
-    name, options = controller_of(setting)
 
     def report(done: int) -> None:
         if progress is not None:
             progress(title, done, made.cycles)
 
-    return simulate(made, make_controller(name, made.insertion(), period, **options), report)
+    return simulate(made, controller, report)
+
+
+def _made(
+    scenario: str, setting: str, arm: str, period: float, duration: float | None, port: Port | None
+) -> tuple[Scenario, Controller]:
+    """What helix() simulates."""
+    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
+    made = load_scenario(scenario, arm, period=period, port=port, **changes)
+    name, options = controller_of(setting)
+    return made, make_controller(name, made.insertion(), period, **options)
 
 
 def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> Table:
