@@ -21,6 +21,7 @@ from rcmqp.runs.head import Head
 from rcmqp.runs.measures import readable
 from rcmqp.runs.metrics import ROUNDING, Metrics, compute_metrics
 from rcmqp.runs.printable import one_line, printable
+from rcmqp.runs.recorded import recording_remarks
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
 from rcmqp.runs.vocabulary import MEASURES
@@ -198,6 +199,7 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"a joint turned round in {metrics.reversals_in_a_row:.0f} cycles in a row: the "
             "controller rattles"
         )
+    found += recording_remarks(head.scenario)
     gain = float(head.options.get("gain", 0.0)) * period
     if gain > 1.0:
         found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")

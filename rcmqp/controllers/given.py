@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from dataclasses import dataclass
 from typing import Self
 
@@ -12,6 +13,9 @@ JOINT_LIMITS = ("position", "speed", "acceleration", "jerk")
 
 NOT_SAID = "not said"
 """Stands in a table for what a controller, or a run's file of an earlier version, does not say."""
+
+LAW_FILE = re.compile(r"([^/\\\x00-\x1f\x7f]{1,200}\.py:[^\W\d]\w{0,100})?")
+"""Given.file; no folder is in it."""
 
 _WORDS = {True: "yes", False: "no", None: NOT_SAID}
 
@@ -30,6 +34,7 @@ class Given:
             controller does not say.
         objective: what its redundant joints are for, if not the arm's own objective: the name of
             one, or "none"; empty for the arm's own.
+        file: FILE.py:CLASS of a law in a Python file, without its folder; empty for others.
     """
 
     feed_forward: bool | None = None
@@ -38,6 +43,7 @@ class Given:
     gain: float | None = None
     roll: bool | None = None
     objective: str = ""
+    file: str = ""
 
     @property
     def roll_text(self) -> str:
@@ -85,6 +91,8 @@ class Given:
         for name, text in (("way", found.way), ("objective", found.objective)):
             if not isinstance(text, str) or len(text) > 1000:
                 raise ValueError(f"{name} must be a text of 1000 letters at most")
+        if not isinstance(found.file, str) or not LAW_FILE.fullmatch(found.file):
+            raise ValueError(f"file = {found.file!r:.50} must be FILE.py:CLASS")
         if type(found.gain) not in (int, float, type(None)):
             raise ValueError(f"gain = {found.gain!r:.50} must be a number")
         return found

@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmqp.controllers.given import UNKNOWN, Given
 from rcmqp.errors import RunFileError
-from rcmqp.files import check_writable
+from rcmqp.files import absent, check_writable
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.untrusted import DAMAGED, datasets, json_of, reading, text, text_of, whole_number
 from rcmqp.world.carried import CarriedArm
@@ -108,7 +108,8 @@ class Head:
             sha.update(json.dumps(tuple(self.assumed)).encode())
         if self.given != UNKNOWN:
             said = json.loads(self.given.to_json())
-            del said["roll"], said["objective"]  # of which earlier versions did not speak
+            for name in ("roll", "objective", "file"):  # of which earlier versions did not speak
+                del said[name]
             sha.update(json.dumps(said).encode())
         return sha.hexdigest()
 
@@ -243,8 +244,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
 
     path = Path(path)
     if not path.is_file():
-        reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
-        raise RunFileError(path, reason)
+        raise RunFileError(path, f"{absent(path)}; give the path of a run's .h5")
     with reading(path, "opening it"):
         with path.open("rb") as stream:
             if stream.read(len(SIGNATURE)) != SIGNATURE:
