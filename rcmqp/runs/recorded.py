@@ -51,7 +51,8 @@ def recording_remarks(scenario: Scenario) -> list[str]:
 def _speed_at_start(way: Sampled) -> float:
     """Speed from the first sample to the second [m/s]; 0 of a way that starts gently."""
     step = way.times[1] - way.times[0]
-    speed = float(np.linalg.norm(np.subtract(*way.positions[1::-1]))) / step
+    first, second = map(np.array, way.positions[:2])
+    speed = float(np.linalg.norm(second - first)) / step
     return speed if speed > CREEP and 2.0 * speed / step > GENTLE else 0.0
 
 
