@@ -3,8 +3,9 @@
     <!-- comparison/comparison.md, table 1: rcmqp compare -s fast_helix -a lwa3 -->
 
 says that the command, run in an empty folder, writes comparison/comparison.md, whose first table,
-with the paragraph above it, is what follows. `make tables` runs every command once, writes the
-tables into the documents and, with the kernel that made them, into results/doc_tables.json.
+with the paragraph above it and the notes below it, is what follows. `make tables` runs every
+command once, writes the tables into the documents and, with the kernel that made them, into
+results/doc_tables.json.
 tests/test_doc_tables.py runs the commands that are quick and compares the rest with that file.
 """
 
@@ -30,9 +31,9 @@ DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
 RESULTS = ROOT / "benchmarks" / "results" / "doc_tables.json"
 MARKED = re.compile(
     r"<!-- (?P<file>\S+), table (?P<number>\d+): (?P<command>.+) -->\n\n"
-    r"(?P<text>(?:(?:[^|<#\n].*\n\n)?(?:\|.*\n)+)?)"
+    r"(?P<text>(?:(?:[^|<#\n].*\n\n)?(?:\|.*\n)+(?:\n(?:- .*\n)+)?)?)"
 )
-TABLE = re.compile(r"(?:^[^|<#\n].*\n\n)?(?:^\|.*\n)+", re.MULTILINE)
+TABLE = re.compile(r"(?:^[^|<#\n].*\n\n)?(?:^\|.*\n)+(?:\n(?:^- .*\n)+)?", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Marked:
         document: where it stands.
         file, number: which table of which file it is, counted from 1.
         command: that writes the file.
-        text: what stands in the document: the table, and a paragraph above it.
+        text: what stands in the document: the table, a paragraph above it and notes below it.
     """
 
     document: Path

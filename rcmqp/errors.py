@@ -23,6 +23,14 @@ def _restored(kind: type[RcmqpError], arguments: tuple[object, ...]) -> RcmqpErr
     return kind.__new__(kind, *arguments)
 
 
+FILES = {
+    "arm": (".toml", ".urdf"),
+    "controller": (".py",),
+    "scenario": (".py", ".json", ".h5"),
+}
+"""How files end that may be given in place of a name."""
+
+
 class UnknownName(RcmqpError, LookupError):
     """A name is not in its registry.
 
@@ -36,6 +44,9 @@ class UnknownName(RcmqpError, LookupError):
         self.kind, self.name, self.known = kind, name, sorted(known)
         close = difflib.get_close_matches(name, self.known, n=3, cutoff=0.5)
         hint = f"; did you mean {' or '.join(close)}?" if close else ""
+        files = [f"{name}{end}" for end in FILES.get(kind, ()) if name.isidentifier()]
+        if there := [file for file in files if Path(file).is_file()]:
+            hint = f"; there is a file {there[0]}: give that"
         super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(self.known)})")
 
 

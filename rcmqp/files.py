@@ -80,6 +80,17 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def absent(path: str | os.PathLike[str]) -> str:
+    """Why there is no file to read at a path: what follows the path in an error."""
+    path = Path(path)
+    try:
+        if path.is_dir():
+            return "is a folder"
+        return "is no regular file" if path.exists() else "no such file"
+    except (OSError, ValueError):  # too long a name, or NUL in it
+        return "no such file"
+
+
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Find out before a run, not after it, whether a file can be written.
 

@@ -107,8 +107,8 @@ def simulate_fast_helix() -> Run:
 def test_compare_puts_a_governor_in_too(call: Call, tmp_path: Path) -> None:
     chosen = ("compare", "-s", "fast_helix", "-a", "ur5", "-c", "hierarchical_qp", "--json")
     line = (*chosen, "--acceleration", "inf")
-    (plain,) = read_json(call(*line, "--out", str(tmp_path))[1])
-    (governed,) = read_json(call(*line, "--governor", "--out", str(tmp_path))[1])
+    (plain,) = read_json(call(*line, "--out", str(tmp_path / "plain"))[1])
+    (governed,) = read_json(call(*line, "--governor", "--out", str(tmp_path / "governed"))[1])
     assert governed["contour_max_mm"] < 0.3 * plain["contour_max_mm"]
     assert governed["lag_max_s"] > plain["lag_max_s"] > 0.0
 
@@ -316,6 +316,7 @@ def test_limits_are_given_on_the_command_line_and_said_in_the_summary(call: Call
         "period_ms": "10",
         "gain": "60",
         "assumed": "none",
+        "setup": "default",
     }
     ratio = read_json(call(*short, "--json")[1])["metrics"]["acceleration_ratio_max"]
     own = load_arm("ur5").acceleration

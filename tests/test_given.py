@@ -116,6 +116,7 @@ def test_a_file_keeps_what_was_given_and_an_earlier_one_does_not_say(tmp_path: P
         "period_ms": "8",
         "gain": "30",
         "assumed": "jerk",
+        "setup": "default",
     }
     with h5py.File(tmp_path / "run.h5", "r+") as file:
         del file.attrs["given"]

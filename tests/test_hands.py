@@ -60,7 +60,7 @@ def test_columns_come_in_any_order_and_the_clutch_counts(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "cannot be read"),
+        (None, "no such file; give the path of a CSV"),
         ("", "has 0 samples"),
         ("t,x,y\n0,1,2\n1,2,3\n", "has no column z"),
         ("t,x,y,z\n0,1,2,3\n1,a,2,3\n", "sample 2, .* is not 4 numbers"),

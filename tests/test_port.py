@@ -268,7 +268,7 @@ def test_a_recording_that_is_none_is_refused_in_words(
 
     with pytest.raises(RcmqpError, match=message):
         calibrate(write_csv(tmp_path / "a.csv", heads, [row]))
-    with pytest.raises(RcmqpError, match="cannot be read as CSV"):
+    with pytest.raises(RcmqpError, match=r"no such file; give the path of a CSV"):
         calibrate(tmp_path / "none.csv")
 
 

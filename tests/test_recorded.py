@@ -186,7 +186,7 @@ def test_files_that_are_no_recordings_are_refused(tmp_path: Path) -> None:
         file.write_bytes(text)
         with pytest.raises(OptionError, match=said):
             Recorded.read(file)
-    with pytest.raises(OptionError, match="cannot be read"):
+    with pytest.raises(OptionError, match="no such file; give the path of a CSV"):
         Recorded.read(tmp_path / "nosuch.csv")
 
 

@@ -86,7 +86,8 @@ def test_every_column_of_a_comparison_is_explained() -> None:
 
 def test_every_row_of_a_page_is_explained() -> None:
     short = load_scenario("conical_helix", "ur5", duration=0.02)
-    run = simulate(short, make_controller("damped", short.insertion(), short.period))
+    law, other = "dual_quaternion", {"objective": "joint_centring"}
+    run = simulate(short, make_controller(law, short.insertion(), short.period, **other))
     explained = metrics_meanings()
     assert [row[0] for row in metrics_table([run], ["a"]).rows] == [*explained]
     text = page([run])

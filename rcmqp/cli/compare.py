@@ -30,6 +30,7 @@ from rcmqp.cli.options import (
 from rcmqp.controllers import own_file
 from rcmqp.controllers.settings import controller_of, every_setting, with_options
 from rcmqp.errors import ArmError, OptionError, UnknownName
+from rcmqp.files import absent
 from rcmqp.runs.loading import own_arm
 from rcmqp.show.tables import tables
 from rcmqp.world.loading import ARM_FILE, URDF_ENDINGS, arm_names, names_its_flange
@@ -119,7 +120,7 @@ def compare(
         if name is None or not name.lower().endswith((ARM_FILE, *URDF_ENDINGS)):
             raise UnknownName("arm", str(name), arm_names())
         if not Path(name).is_file():
-            raise ArmError(f"{name}: no such file; give the path of a URDF or of an arm's .toml")
+            raise ArmError(f"{name}: {absent(name)}; give the path of a URDF or of an arm's .toml")
     urdfs = [own for name, own in files if not names_its_flange(str(name))]
     if flange is not None and all(urdfs):
         raise OptionError("--flange is for a URDF without its own, and none of the arms is one")

@@ -17,9 +17,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.runs.head import Head
 from rcmqp.runs.measures import readable
 from rcmqp.runs.metrics import ROUNDING, Metrics, compute_metrics
 from rcmqp.runs.printable import one_line, printable
+from rcmqp.runs.recorded import recording_remarks
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
 from rcmqp.runs.vocabulary import MEASURES
@@ -114,6 +116,8 @@ def print_tables(tables: Iterable[Table]) -> None:
             if table.title:
                 out.print(table.title, markup=False, highlight=False, soft_wrap=True)
             out.print(table)
+            for note in table.notes:
+                out.print(note, markup=False, highlight=False)
 
 
 def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
@@ -157,12 +161,14 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
         )
     if metrics.speed_ratio_max > 1.0 + ROUNDING:
         _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
-        found.append(f"{where} was asked for {metrics.speed_ratio_max:.3g} times its speed limit")
+        ratio, more = metrics.speed_ratio_max, _uncounted(head, "speed")
+        found.append(f"{where} was asked for {ratio:.3g} times its speed limit{more}")
     for kind in ("acceleration", "jerk"):
         if (ratio := getattr(metrics, f"{kind}_ratio_max")) > 1.0 + ROUNDING:
             assumed = "assumed " if kind in head.assumed else ""
             found.append(
                 f"the joints were asked for up to {ratio:.3g} times their {assumed}{kind} limits"
+                + _uncounted(head, kind)
             )
     if metrics.limit_margin_min_rad < -ROUNDING:
         joint, where = _where(
@@ -193,10 +199,18 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"a joint turned round in {metrics.reversals_in_a_row:.0f} cycles in a row: the "
             "controller rattles"
         )
+    found += recording_remarks(head.scenario)
     gain = float(head.options.get("gain", 0.0)) * period
     if gain > 1.0:
         found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")
     return found
+
+
+def _uncounted(head: Head, limit: str) -> str:
+    """That a law does not know a limit which it broke; nothing if it does, or does not say."""
+    limits = head.given.limits
+    known = limits is None or limit in limits
+    return "" if known else f": {head.controller} does not count {limit} limits"
 
 
 def print_arms(arms: Iterable[Arm]) -> None:

@@ -11,6 +11,7 @@ from rcmqp.cli.console import out, print_note
 from rcmqp.controllers import Controller
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError
+from rcmqp.runs.head import check_own
 from rcmqp.world.loading import arm_names, names_its_flange
 
 
@@ -53,6 +54,8 @@ def loopback(
             "my_robot.toml, which says which frame of a URDF carries the instrument"
         )
     options = options_of(controller, settings or [])
+    if file is not None:
+        check_own(file)
 
     def recorder(made: Controller) -> LoopRecorder | None:
         return None if file is None else LoopRecorder(file, made, "loopback")

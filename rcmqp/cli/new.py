@@ -99,10 +99,10 @@ frame = "flange"          # where the instrument is mounted; its z axis points o
 # xyz = [0.0, 0.0, 0.0]   # of the mount in that frame
 # rpy = [0.0, 0.0, 0.0]
 
-# [base]                  # where the URDF's base stands in the world
+[base]                    # where the URDF's base stands in the world
 # xyz = [0.0, 0.0, 0.8]
 
-# [sources]
+[sources]                 # of the numbers above
 # acceleration = "data sheet, page 12"
 """
 

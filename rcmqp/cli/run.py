@@ -33,7 +33,7 @@ from rcmqp.controllers.settings import controller_of, options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
 from rcmqp.references.recorded import Recorded
-from rcmqp.runs.head import Head, check_replaceable, opened
+from rcmqp.runs.head import Head, check_own, opened
 from rcmqp.runs.loading import RUN_FILE, load_scenario
 from rcmqp.runs.recorded import along, moved
 from rcmqp.runs.run import Run
@@ -158,11 +158,11 @@ def run(
         console.err.print(f"start: {ease_at(insertion)}", highlight=False, soft_wrap=True)
     made = make_controller(name, insertion, chosen.period, **options)
     if file is not None:
-        check_replaceable(file)
         if file.resolve() == Path(scenario).resolve():
             raise OptionError(
                 f"{file} is the run that is made again; give another file with --out"
             )
+        check_own(file, chosen, made)
     with console.bar(quiet=as_json) as advance:
 
         def progress(done: int) -> None:

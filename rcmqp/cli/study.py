@@ -214,16 +214,21 @@ def _print(
 def _remake(trial: Path, folder: Path) -> None:
     """Simulate a trial again and keep its run."""
     from rcmqp.experiments.study.perform import remake
+    from rcmqp.experiments.study.plan import Law
     from rcmqp.experiments.study.record import Record
-    from rcmqp.files import check_writable, make_folder
+    from rcmqp.files import make_folder
+    from rcmqp.runs.head import check_own
+    from rcmqp.runs.scenario import Scenario
 
     file = make_folder(folder) / trial.name
     if file.resolve() == trial.resolve():
         raise OptionError(f"{file} is the trial itself; give another folder with --out")
-    check_writable(file)
+    record = Record.load(trial)
+    scenario = Scenario.from_json(record.scenario)
+    check_own(file, scenario, Law.from_json(record.law).controller(scenario))
     run = remake(trial)
     run.save(file)
-    if run.digest != Record.load(trial).outcome.digest:
+    if run.digest != record.outcome.digest:
         console.err.print(
             "note: its digest is not the trial's: other versions, another controller of that name "
             "or another URDF ran that",

@@ -18,11 +18,12 @@ from rcmqp.controllers.account import explained
 from rcmqp.controllers.braking import Brake
 from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
-from rcmqp.errors import OptionError
+from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, positive, refused
 from rcmqp.qp import HierarchySolution, InvalidProblem, WrongShape
 from rcmqp.references.view import Reference
+from rcmqp.tasks.objectives import own_objective
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -77,6 +78,8 @@ class Controller(abc.ABC):
         enforces: which of the arm's joint limits the law enforces, of JOINT_LIMITS; None does not
             say. Tables name them, see ``given``.
         holds_roll: whether the law controls the instrument's roll about its shaft, likewise.
+        remark: a sentence that a reader of its numbers needs; it stands below tables of them.
+        law_file: FILE.py:CLASS of a law that own_file.known() took out of a file.
         insertion: what is controlled.
         moves_wrist: whether the law knows of a tool that a wrist turns.
         period: sampling period T [s].
@@ -87,6 +90,8 @@ class Controller(abc.ABC):
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {}
     enforces: ClassVar[tuple[str, ...] | None] = None
     holds_roll: ClassVar[bool | None] = None
+    remark: ClassVar[str] = ""
+    law_file: ClassVar[str] = ""
 
     insertion: Insertion
     period: float = field(metadata=positive("s"))
@@ -125,12 +130,25 @@ class Controller(abc.ABC):
     def given(self) -> Given:
         """What the controller is given; every table, page and figure of its runs says it.
 
-        It is known of ``feed_forward``, ``gain``, ``enforces`` and ``holds_roll``. A law whose
-        options change more than that overrides this property.
+        It is known of ``feed_forward``, ``gain``, ``enforces``, ``holds_roll``, and of
+        ``objective`` and ``K_c``, where it is 0 and not by default. A law whose options change
+        more than that overrides this property.
         """
         gain = getattr(self, "gain", None)
         ahead = getattr(self, "feed_forward", None)
-        return Given(ahead, self.enforces, gain=gain, roll=self.holds_roll)
+        objective = getattr(self, "objective", "")
+        if getattr(self, "K_c", 1.0) == 0.0 != getattr(type(self), "K_c", 0.0):
+            objective = "none"
+        if not isinstance(objective, str) or objective == own_objective(self.insertion.arm):
+            objective = ""
+        return Given(
+            ahead,
+            self.enforces,
+            gain=gain,
+            roll=self.holds_roll,
+            objective=objective,
+            file=self.law_file,
+        )
 
     def reset(self) -> None:  # noqa: B027  (most controllers keep nothing)
         """Forget the run so far."""
@@ -140,6 +158,7 @@ class Controller(abc.ABC):
 
         Raises:
             WrongShape: the law, a task or a limit has an array of a wrong shape.
+            InvalidCommand: the law returns no Command, or one whose v is no array.
         """
         if not is_usable(state, reference):
             state, reference = as_numbers(state, reference)
@@ -153,6 +172,8 @@ class Controller(abc.ABC):
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
             stop = self.safe_stop(state, f"{type(error).__name__}: {error}")
             return dataclasses.replace(stop, error=error)
+        if not isinstance(getattr(answer, "v", None), np.ndarray):
+            raise InvalidCommand(f"{self.name}: {_wrong_kind(answer)}")
         if not all_finite(answer.v, ABSURD):
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
@@ -198,6 +219,17 @@ class Controller(abc.ABC):
         brake.reset()
         v = brake.velocity(state.angles, state.v, state.a, state)
         return Command(v, numbers | {"safe_stop": 1.0}, account, reason)
+
+
+def _wrong_kind(answer: object) -> str:
+    """What a law's _step() returned, and what it must return."""
+    got = f"a {type(answer).__name__}"
+    if isinstance(answer, Command):
+        got = f"a Command whose v is a {type(answer.v).__name__}"
+    return (
+        f"_step() returned {got}; it must return Command(v), v an array of joint velocities, such "
+        "as np.zeros(state.v.size)"
+    )
 
 
 def _check_kind(name: str, value: object, kind: type) -> None:

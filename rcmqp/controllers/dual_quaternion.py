@@ -23,7 +23,7 @@ from rcmqp.maths.dualquaternion import C8, Array
 from rcmqp.maths.options import at_least, between, finite, one_of, positive
 from rcmqp.references.view import Reference
 from rcmqp.tasks.base import block_of
-from rcmqp.tasks.objectives import Objective, make_objective
+from rcmqp.tasks.objectives import Objective, make_objective, own_objective
 from rcmqp.world.arm import ArmState
 
 VELOCITY_LIMITS = ("none", "scale", "clip")
@@ -139,9 +139,7 @@ class DualQuaternion(Controller):
 
     @property
     def _objective_name(self) -> str:
-        special = self.insertion.arm.srs_offsets is not None
-        own = "singularity_product" if special else "manipulability"
-        return self.objective or own
+        return self.objective or own_objective(self.insertion.arm)
 
     @functools.cached_property
     def _objective(self) -> Objective:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from dataclasses import dataclass
 from typing import Self
 
@@ -12,6 +13,9 @@ JOINT_LIMITS = ("position", "speed", "acceleration", "jerk")
 
 NOT_SAID = "not said"
 """Stands in a table for what a controller, or a run's file of an earlier version, does not say."""
+
+LAW_FILE = re.compile(r"([^/\\\x00-\x1f\x7f]{1,200}\.py:[^\W\d]\w{0,100})?")
+"""Given.file; no folder is in it."""
 
 _WORDS = {True: "yes", False: "no", None: NOT_SAID}
 
@@ -28,6 +32,9 @@ class Given:
         gain: K [1/s]; None if the controller has no single one.
         roll: whether the law controls the instrument's roll about its shaft; None if the
             controller does not say.
+        objective: what its redundant joints are for, if not the arm's own objective: the name of
+            one, or "none"; empty for the arm's own.
+        file: FILE.py:CLASS of a law in a Python file, without its folder; empty for others.
     """
 
     feed_forward: bool | None = None
@@ -35,6 +42,8 @@ class Given:
     way: str = ""
     gain: float | None = None
     roll: bool | None = None
+    objective: str = ""
+    file: str = ""
 
     @property
     def roll_text(self) -> str:
@@ -79,8 +88,11 @@ class Given:
                 raise ValueError(f"{name} = {value!r:.50} must be true or false")
         if unknown := set(found.limits or ()) - set(JOINT_LIMITS):
             raise ValueError(f"limits: {sorted(unknown)[0]!r:.50} is none of {JOINT_LIMITS}")
-        if not isinstance(found.way, str) or len(found.way) > 1000:
-            raise ValueError("way must be a text of 1000 letters at most")
+        for name, text in (("way", found.way), ("objective", found.objective)):
+            if not isinstance(text, str) or len(text) > 1000:
+                raise ValueError(f"{name} must be a text of 1000 letters at most")
+        if not isinstance(found.file, str) or not LAW_FILE.fullmatch(found.file):
+            raise ValueError(f"file = {found.file!r:.50} must be FILE.py:CLASS")
         if type(found.gain) not in (int, float, type(None)):
             raise ValueError(f"gain = {found.gain!r:.50} must be a number")
         return found

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 import re
+from pathlib import Path
 from types import ModuleType
 
 from rcmqp.controllers import CONTROLLERS, Controller
+from rcmqp.controllers.given import LAW_FILE
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.world.own_module import module_of_file
 
@@ -38,6 +40,8 @@ def known(setting: str) -> str:
             f"{found['file']}: {kind.__name__} is named {kind.name!r}, as a controller that is "
             "there already; give the class another name"
         )
+    file = f"{Path(found['file']).name}:{kind.__name__}"
+    kind.law_file = file if LAW_FILE.fullmatch(file) else ""
     CONTROLLERS[kind.name] = kind
     return f"{kind.name}{found['options'] or ''}"
 

@@ -87,6 +87,10 @@ class VfiQP(Controller):
     name: ClassVar[str] = "vfi_qp"
     enforces: ClassVar[tuple[str, ...] | None] = ("position",)
     holds_roll: ClassVar[bool | None] = True
+    remark: ClassVar[str] = (
+        "within d_safe, 1 mm, of the trocar the shaft is free. The RCM error there is what the "
+        "errors of tip and rotation leave, and the damping makes the rotation lag."
+    )
 
     gain: float = field(default=60.0, metadata=bounded_gain())
     alpha: float = field(default=0.999, metadata=between(0.0, 1.0))

@@ -49,6 +49,10 @@ class WeightedQP(Controller):
     name: ClassVar[str] = "weighted_qp"
     enforces: ClassVar[tuple[str, ...] | None] = JOINT_LIMITS
     holds_roll: ClassVar[bool | None] = True
+    remark: ClassVar[str] = (
+        "weights let the objective of the redundant joints pull against trocar and tip, from the "
+        "first cycle on. On a slow path this start from rest is its largest jerk."
+    )
     feed_forward: ClassVar[bool] = True
 
     gain: float = field(default=60.0, metadata=bounded_gain())

@@ -18,6 +18,7 @@ from rcmqp.errors import OptionError, PluginError, RunFileError
 from rcmqp.experiments.batch import batch, check_jobs
 from rcmqp.experiments.kept import date, kept_run
 from rcmqp.files import check_writable, make_folder, unlike, whole
+from rcmqp.runs.head import check_own
 from rcmqp.runs.loading import changed, load_scenario, own_arm
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
@@ -128,7 +129,8 @@ def compare(
     numbered. A case that cannot be run is a row that says why, unless none can.
 
     The tables are written as the rows come. A comparison that is stopped goes on where it was when
-    it is started again: runs that are in the folder already are kept, see kept_run().
+    it is started again: runs that are in the folder already are kept, see kept_run(). A run of
+    another comparison is not written over.
 
     Args:
         todo: what to run.
@@ -138,13 +140,15 @@ def compare(
         note: called with a sentence if runs were kept.
 
     Raises:
-        RunFileError: the folder or a file in it cannot be written.
+        RunFileError: the folder or a file in it cannot be written, or a file holds another run.
         OptionError: no case could be run; tables that are there stay as they were.
     """
     check_jobs(jobs)
     folder = make_folder(out).resolve()  # workers may be elsewhere
     check_writable(folder / "comparison.csv")
     stems, files = _names(todo)
+    for case, file in zip(todo, files, strict=True):
+        _check_own(case, folder / file)
     found: dict[int, Row] = {}
     kept, written = 0, -math.inf
     work = [(case, folder / file, _kind(case.law)) for case, file in zip(todo, files, strict=True)]
@@ -194,9 +198,7 @@ def run_case(case: Case, file: Path, kind: type[Controller] | None = None) -> tu
     if kind is not None:
         CONTROLLERS[case.law] = kind
     try:
-        scenario = case.made()
-        name, options = controller_of(case.controller)
-        controller = make_controller(name, scenario.insertion(), scenario.period, **options)
+        scenario, controller = _made(case)
         kept = kept_run(file, scenario, controller)
         run = kept or simulate(scenario, controller)
         if kept is None:
@@ -208,6 +210,27 @@ def run_case(case: Case, file: Path, kind: type[Controller] | None = None) -> tu
         failure = f"{type(error).__name__}: {error}"
         row = Row(case.name, case.arm or "", case.law, case.controller, failure=failure)
         return row, False
+
+
+def _made(case: Case) -> tuple[Scenario, Controller]:
+    scenario = case.made()
+    name, options = controller_of(case.controller)
+    return scenario, make_controller(name, scenario.insertion(), scenario.period, **options)
+
+
+def _check_own(case: Case, file: Path) -> None:
+    """Check that a case's file is its own; one that cannot be made writes none.
+
+    Raises:
+        RunFileError: it holds another run.
+    """
+    if not file.exists():
+        return
+    try:
+        scenario, controller = _made(case)
+    except Exception:  # noqa: BLE001  (which run_case() says)
+        return
+    check_own(file, scenario, controller)
 
 
 def _kind(law: str) -> type[Controller] | None:

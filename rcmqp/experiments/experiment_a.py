@@ -15,18 +15,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import Controller, make_controller
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import ToolMissing
 from rcmqp.files import check_writable, make_folder
+from rcmqp.runs.head import check_own
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.measures import until
 from rcmqp.runs.metrics import Metrics, compute_metrics
 from rcmqp.runs.run import Run
+from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show import plots, tables
-from rcmqp.show.labels import GIVEN, given_cells
+from rcmqp.show.labels import given_cells, given_names
 from rcmqp.show.report.build import INDEX, LATEX, NUMBERS, TEXT, write_report
 from rcmqp.show.report.document import Picture, Screenshot, Section
 from rcmqp.show.table import Table
@@ -120,7 +122,7 @@ def reproduce_a(
         progress: called with the run's title, cycles done since the last call, cycles in all.
 
     Raises:
-        RunFileError: the folder or a file in it cannot be written.
+        RunFileError: the folder or a file in it cannot be written, or a file holds another run.
     """
     tool = None if instrument is None else load_instrument(instrument)
     folder = make_folder(out)
@@ -132,6 +134,8 @@ def reproduce_a(
     files += [folder / name for name in ("experiment_a.md", TEXT, NUMBERS, LATEX, INDEX)]
     for file in files:
         check_writable(file)
+    for case, file in zip(law + rival, files, strict=False):
+        check_own(file, *_made(*case, duration, port, tool))
     found = []
     for case, file in zip(law + rival, files, strict=False):
         found.append(helix(*case, duration, progress, port, tool))
@@ -200,17 +204,31 @@ def helix(
         port: where the incision is; None for the scenario's.
         instrument: in place of the scenario's own; None for that.
     """
-    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    changes |= {"port": port, "instrument": instrument}
-    made = load_scenario(scenario, arm, period=period, **changes)
+    made, controller = _made(scenario, setting, arm, period, duration, port, instrument)
     title = f"{scenario}, {arm_title(arm)}, {setting}, T = {1e3 * period:g} ms"
-    name, options = controller_of(setting)
 
     def report(done: int) -> None:
         if progress is not None:
             progress(title, done, made.cycles)
 
-    return simulate(made, make_controller(name, made.insertion(), period, **options), report)
+    return simulate(made, controller, report)
+
+
+def _made(
+    scenario: str,
+    setting: str,
+    arm: str,
+    period: float,
+    duration: float | None,
+    port: Port | None,
+    instrument: Instrument | None,
+) -> tuple[Scenario, Controller]:
+    """What helix() simulates."""
+    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
+    changes |= {"port": port, "instrument": instrument}
+    made = load_scenario(scenario, arm, period=period, **changes)
+    name, options = controller_of(setting)
+    return made, make_controller(name, made.insertion(), period, **options)
 
 
 def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> Table:
@@ -223,7 +241,7 @@ def comparison_table(runs: Sequence[Run], metrics: Sequence[Metrics]) -> Table:
             _PAPER_GIVEN.get(name, "not given"),
             *(cells[name] for cells in given),
         ]
-        for name in GIVEN
+        for name in given_names(given)
     ]
     ends = [until(found.errors_until_s, found.duration_s) for found in metrics]
     rows.append([MEASURES["errors_until_s"].row, "not given", *ends])

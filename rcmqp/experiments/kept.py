@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import importlib.resources
 import inspect
-import json
 import os
 import time
 from pathlib import Path
@@ -39,13 +38,8 @@ def kept_run(file: Path, scenario: Scenario, controller: Controller) -> Run | No
         head = (run := Run.load(file)).head
     except RunFileError:
         return None
-    arm = controller.insertion.arm
-    if (head.scenario.to_json(), head.controller, head.urdf_sha256, dict(head.versions)) != (
-        scenario.portable().to_json(),
-        controller.name,
-        arm.sha256,
-        versions(),
-    ) or _plain(head.options) != _plain(controller.options):
+    made_with = controller.insertion.arm.sha256, versions()
+    if not head.is_of(scenario, controller) or made_with != (head.urdf_sha256, head.versions):
         return None
     changed = max([_own_code(), *map(_code, classes_outside(controller, scenario))])
     return run if changed < file.stat().st_mtime else None
@@ -67,11 +61,6 @@ def classes_outside(controller: Controller, scenario: Scenario) -> list[type]:
         for kind in type(part).__mro__
         if kind.__module__.partition(".")[0] not in ("rcmqp", "abc", "builtins", "typing")
     ]
-
-
-def _plain(options: object) -> str:
-    """Options as a file keeps them."""
-    return json.dumps(options, sort_keys=True, default=str)
 
 
 @functools.cache

@@ -21,7 +21,7 @@ from rcmqp.live.page import page
 from rcmqp.live.server import Console, Server
 from rcmqp.live.session import quantiles
 from rcmqp.realtime.signals import ENDING
-from rcmqp.runs.head import check_replaceable
+from rcmqp.runs.head import check_own
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.table import Table
 
@@ -81,7 +81,7 @@ def run_live(
         RcmqpError: the scenario cannot be run.
     """
     if out is not None:
-        check_replaceable(out)
+        check_own(out)
     token, text = secrets.token_urlsafe(16), page(scenario, controller, options)
     with _listening(host, port) as listener, contextlib.ExitStack() as stack:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp.errors import OptionError
+from rcmqp.files import absent
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.instrument import Vector3
 
@@ -34,6 +35,9 @@ MOST = 1_000_000
 
 FAR = 2.0
 """Way from the first position above which the unit is questioned [m]."""
+
+LONG, SLOW = 60.0, 1e-3
+"""Length [s] and largest speed [m/s] of a recording whose clock's unit is questioned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,8 @@ class Recorded:
         Raises:
             OptionError: the file cannot be read, or a column, unit or number is not allowed.
         """
+        if os.path.isdir(path) or not os.path.exists(path):
+            raise OptionError(f"{path}: {absent(path)}; give the path of a CSV file")
         try:
             with open(path, encoding="utf-8-sig", newline="") as stream:
                 lines = (line for line in stream if line.strip() and not line.startswith("#"))
@@ -94,6 +100,8 @@ class Recorded:
                 f"{times[k - 1]:.6g} s from the first; sort them, and drop those taken twice"
             )
         positions = table[:, 1:4] * columns.unit
+        if columns.clock == CLOCKS["s"]:
+            _check_clock(str(path), times, positions)
         far = float(np.abs(positions - positions[0]).max())
         if far > FAR:
             raise OptionError(
@@ -108,6 +116,20 @@ class Recorded:
             turned = _unit(str(path), np.column_stack([more[name] for name in QUATERNION]))
         orientations = tuple(map(tuple, turned.tolist()))
         return cls(tuple(times.tolist()), points, columns.world, engaged, orientations)
+
+
+def _check_clock(path: str, times: Array, positions: Array) -> None:
+    """Question a recording that takes long and hardly moves: its times may be milliseconds.
+
+    Raises:
+        OptionError: it is slower than anybody moves.
+    """
+    fastest = float((np.linalg.norm(np.diff(positions, axis=0), axis=1) / np.diff(times)).max())
+    if times[-1] > LONG and 0.0 < fastest < SLOW:
+        raise OptionError(
+            f"{path} takes {times[-1]:.6g} s and never moves faster than {1e3 * fastest:.3g} "
+            "mm/s; are its times milliseconds? Name the unit in the head: t [ms]"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +153,12 @@ def _columns(path: str, head: Sequence[str], scale: float) -> _Columns:
                 raise OptionError(f"{path} has two columns {name}; leave one of them in")
             at[name] = i
     if missing := [name for name in "txyz" if name not in at]:
+        for sign, name in ((";", "semicolons"), ("\t", "tabs")):
+            if sign in "".join(head):
+                raise OptionError(
+                    f"{path}: its columns are separated by {name}; separate them by commas, and "
+                    "write numbers with a point: 0.5"
+                )
         raise OptionError(
             f"{path} has no column {', '.join(missing)}, but {', '.join(head)[:200]}; its first "
             f"line must name them: {HEAD}"

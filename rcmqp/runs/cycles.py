@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from rcmqp.controllers.given import Given
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.channels import CHANNELS, PART
 from rcmqp.runs.derived import Derived
+from rcmqp.runs.head import Named
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.carried import CarriedArm
@@ -26,14 +27,8 @@ ROW = (*(name for name, channel in CHANNELS.items() if channel.source == "cycle"
 """What a cycle leaves: channels of Run; and J (6, nv), the effector's Jacobian J_local."""
 
 
-class Described(Protocol):
+class Described(Named, Protocol):
     """What a run's file says of a controller: a Controller, or what is known of one elsewhere."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def options(self) -> Mapping[str, Any]: ...  # noqa: D102
 
     @property
     def given(self) -> Given: ...  # noqa: D102

@@ -16,9 +16,9 @@ import numpy as np
 
 from rcmqp.controllers.given import UNKNOWN, Given
 from rcmqp.errors import RunFileError
-from rcmqp.files import check_writable
+from rcmqp.files import absent, check_writable
 from rcmqp.runs.scenario import Scenario
-from rcmqp.runs.untrusted import datasets, json_of, reading, text, text_of, whole_number
+from rcmqp.runs.untrusted import DAMAGED, datasets, json_of, reading, text, text_of, whole_number
 from rcmqp.world.carried import CarriedArm
 from rcmqp.world.limited import ASSUMED
 
@@ -35,6 +35,19 @@ MOST_NAME = 500
 
 MOST_REASON = 10_000
 """Letters of the reason of a safe stop."""
+
+
+OTHER = "give another name or folder, or remove it first"
+
+
+class Named(Protocol):
+    """What tells a controller from another: a Controller, say."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def options(self) -> Mapping[str, Any]: ...  # noqa: D102
 
 
 class Rows(Protocol):
@@ -96,9 +109,22 @@ class Head:
             sha.update(json.dumps(tuple(self.assumed)).encode())
         if self.given != UNKNOWN:
             said = json.loads(self.given.to_json())
-            del said["roll"]  # of which earlier versions did not speak
+            for name in ("roll", "objective", "file"):  # of which earlier versions did not speak
+                del said[name]
             sha.update(json.dumps(said).encode())
         return sha.hexdigest()
+
+    def is_of(self, scenario: Scenario, controller: Named) -> bool:
+        """Whether the same command made the run: same scenario, controller and options."""
+        plain = (
+            json.dumps(dict(options), sort_keys=True, default=str)
+            for options in (self.options, controller.options)
+        )
+        return (
+            self.scenario.to_json() == scenario.portable().to_json()
+            and self.controller == controller.name
+            and len(set(plain)) == 1
+        )
 
     @classmethod
     def read(cls, file: h5py.File) -> Head:
@@ -219,8 +245,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
 
     path = Path(path)
     if not path.is_file():
-        reason = "is a folder; give a run's file" if path.is_dir() else "no such file"
-        raise RunFileError(path, reason)
+        raise RunFileError(path, f"{absent(path)}; give the path of a run's .h5")
     with reading(path, "opening it"):
         with path.open("rb") as stream:
             if stream.read(len(SIGNATURE)) != SIGNATURE:
@@ -258,6 +283,39 @@ def check_replaceable(path: str | os.PathLike[str]) -> None:
                 raise RunFileError(
                     path, "is there already, and is no run; give another name, or remove it first"
                 )
+
+
+def check_own(
+    path: str | os.PathLike[str],
+    scenario: Scenario | None = None,
+    controller: Named | None = None,
+) -> None:
+    """Find out before a run whether its file may be written: a command keeps the runs of others.
+
+    What the same command made before, or a damaged file, may be replaced.
+
+    Args:
+        path: of the file.
+        scenario: what is to be run; None for a recording, which no command makes again.
+        controller: that is to run it.
+
+    Raises:
+        RunFileError: the file cannot be written; or it holds another run, or no run.
+    """
+    check_replaceable(path)
+    path = Path(path)
+    if not path.is_file() or not path.stat().st_size:
+        return
+    try:
+        with opened(path) as file:
+            head = Head.read(file)
+    except RunFileError as error:
+        if error.reason.startswith(DAMAGED):
+            return
+        raise RunFileError(path, f"is there already, and is no run; {OTHER}") from error
+    if scenario is None or controller is None or not head.is_of(scenario, controller):
+        there = f"{head.scenario}, {head.controller}"
+        raise RunFileError(path, f"holds another run, {there}; {OTHER}")
 
 
 def check_digest(file: h5py.File, digest: str) -> None:

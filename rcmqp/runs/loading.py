@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
-from rcmqp.files import why
+from rcmqp.files import absent, why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.head import Head, opened
@@ -181,9 +181,7 @@ def _read(file: Path) -> Scenario:
             return _known(Head.read(run).scenario)
     try:
         if not file.is_file():
-            raise OptionError(
-                "it is a folder or no regular file" if file.exists() else "no such file"
-            )
+            raise OptionError(f"{absent(file)}; give the path of a scenario's .json")
         if (size := file.stat().st_size) > MOST_TEXT:
             raise OptionError(f"it has {size} bytes, a scenario {MOST_TEXT} at most")
         return _known(Scenario.from_json(file.read_text(encoding="utf-8")))

@@ -20,6 +20,9 @@ MOST_BESIDE = 15.0
 A recording has been made at a trocar and a depth of its own.
 """
 
+CREEP, GENTLE = 1e-3, 1.0
+"""Speed [m/s] and acceleration [m/s^2] of a first sample that need no remark."""
+
 
 def along(scenario: Scenario, recording: Recorded) -> Scenario:
     """The scenario with its tip on the way of a recording, to the recording's end.
@@ -62,6 +65,32 @@ def _rolls(quaternions: Array, tips: Array) -> Array:
             "Without the columns of the quaternion, the positions alone count"
         )
     return np.unwrap(np.arctan2(x[:, 1], y[:, 1]))
+
+
+def recording_remarks(scenario: Scenario) -> list[str]:
+    """What a user of recordings should know: that one starts at speed, or ends before the run."""
+    found, motion = list[str](), scenario.motion
+    ways = {"path": getattr(scenario.path, "way", None), "motion": motion}
+    for name, way in ways.items():
+        if isinstance(way, Sampled) and (speed := _speed_at_start(way)):
+            found.append(
+                f"the recorded {name} starts at {1e3 * speed:.3g} mm/s, from rest within one "
+                "sample: give it samples before, in which it gathers speed"
+            )
+    if isinstance(motion, Sampled) and motion.times[-1] < scenario.duration - scenario.period:
+        found.append(
+            f"the recorded motion ends at {motion.times[-1]:g} s, the run at "
+            f"{scenario.duration:g} s: from then on the trocar stays where it is"
+        )
+    return found
+
+
+def _speed_at_start(way: Sampled) -> float:
+    """Speed from the first sample to the second [m/s]; 0 of a way that starts gently."""
+    step = way.times[1] - way.times[0]
+    first, second = map(np.array, way.positions[:2])
+    speed = float(np.linalg.norm(second - first)) / step
+    return speed if speed > CREEP and 2.0 * speed / step > GENTLE else 0.0
 
 
 def moved(scenario: Scenario, recording: Recorded) -> Scenario:

@@ -32,6 +32,10 @@ MOST_CHUNK = 1 << 24
 """Bytes of a chunk that is larger than its dataset, as of a run that ended early."""
 
 
+DAMAGED = "damaged"
+"""How the reason begins why a damaged file is not read."""
+
+
 @contextlib.contextmanager
 def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
     """Say of the file and its part what goes wrong while it is read.
@@ -48,7 +52,7 @@ def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
     except Exception as error:
         told = str(error) if isinstance(error, RcmqpError | OSError) else _said(error)
         raise RunFileError(
-            Path(path), f"damaged, the run must be made again: {part}: {shortened(told, 500)}"
+            Path(path), f"{DAMAGED}, the run must be made again: {part}: {shortened(told, 500)}"
         ) from error
 
 

@@ -77,7 +77,16 @@ _CASE = (
         "limits assumed",
         "limits assumed",
         "",
-        "Which limits of the joints no source gives; a careful value stands in.",
+        "Which limits of the joints, a wrist's among them, no source gives; a careful value "
+        "stands in.",
+    ),
+    Measure(
+        "setup",
+        "set up with",
+        "set up with",
+        "",
+        "What neither scenario nor controller says by its name: another instrument, a recorded "
+        "path of the tip or motion of the trocar, another null-space objective.",
     ),
     Measure(
         "errors_until_s",

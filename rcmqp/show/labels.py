@@ -8,11 +8,12 @@ from rcmqp.errors import RcmqpError
 from rcmqp.runs.head import Head
 from rcmqp.runs.run import Run
 from rcmqp.runs.vocabulary import MEASURES
+from rcmqp.show.setup import DEFAULT, setup_text
 
-GIVEN = ("feed_forward", "roll", "limits_enforced", "period_ms", "gain", "assumed")
+GIVEN = ("feed_forward", "roll", "limits_enforced", "period_ms", "gain", "assumed", "setup")
 """Measures of given_cells(), in the order of columns."""
 
-TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits")
+TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits", "objective")
 """Options that given_cells() already tells."""
 
 
@@ -26,14 +27,21 @@ def given_cells(head: Head) -> dict[str, str]:
         "period_ms": f"{1e3 * head.scenario.period:g}",
         "gain": given.gain_text,
         "assumed": " and ".join(head.assumed) or "none",
+        "setup": setup_text(head),
     }
+
+
+def given_names(cells: Iterable[Mapping[str, str]]) -> list[str]:
+    """Those of GIVEN that a table of these given_cells() shows: ``setup`` if one has any."""
+    set_up = any(each["setup"] not in ("", DEFAULT) for each in cells)
+    return [name for name in GIVEN if name != "setup" or set_up]
 
 
 def given_words(cells: Mapping[str, str]) -> dict[str, str]:
     """The same in words, for a legend or a caption, out of what given_cells() says."""
     return {
         name: f"{of.label} = {cells[name]} {of.unit}" if of.unit else f"{of.label}: {cells[name]}"
-        for name, of in ((name, MEASURES[name]) for name in GIVEN)
+        for name, of in ((name, MEASURES[name]) for name in given_names([cells]))
     }
 
 
@@ -45,12 +53,14 @@ def run_marks(runs: Sequence[Run]) -> tuple[list[str], list[list[str]]]:
         others were not, its seed if they differ, and options that differ between runs of one
         controller.
     """
-    words = [given_words(given_cells(run.head)) for run in runs]
-    shared = [name for name in GIVEN if len({each[name] for each in words}) == 1]
+    cells = [given_cells(run.head) for run in runs]
+    words, names = list(map(given_words, cells)), given_names(cells)
+    shared = [name for name in names if len({each[name] for each in cells}) == 1]
     marks = []
     for run, mine in zip(runs, words, strict=True):
         alike = [other for other in runs if other.controller == run.controller]
-        marks.append([run.controller, *(mine[name] for name in GIVEN if name not in shared)])
+        apart = [name for name in mine if name not in shared]
+        marks.append([run.controller, *(mine[name] for name in apart)])
         if any(other.scenario.seed != run.scenario.seed for other in runs):
             marks[-1].append(f"seed = {run.scenario.seed}")
         marks[-1] += [

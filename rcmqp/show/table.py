@@ -55,6 +55,7 @@ class Table:
             right.
         title: what the table is about, and what all its rows share; may be empty.
         main: whether the terminal shows it too, and not only files.
+        notes: sentences below it, of which CSV has none.
     """
 
     heads: Sequence[str]
@@ -62,6 +63,7 @@ class Table:
     words: int = 1
     title: str = ""
     main: bool = True
+    notes: Sequence[str] = ()
 
     @property
     def texts(self) -> list[list[str]]:
@@ -72,11 +74,13 @@ class Table:
         ]
 
     def markdown(self) -> str:
-        """The table in Markdown, below its title as a paragraph; ends with a line end."""
+        """The table in Markdown, between its title and its notes; ends with a line end."""
         rule = ["---"] * self.words + ["---:"] * (len(self.heads) - self.words)
         cells = [list(map(literal, row)) for row in (self.heads, *self.texts)]
         lines = [f"| {' | '.join(row)} |\n" for row in (cells[0], rule, *cells[1:])]
-        return f"{literal(self.title)}\n\n{''.join(lines)}" if self.title else "".join(lines)
+        title = f"{literal(self.title)}\n\n" if self.title else ""
+        notes = [f"- {literal(note)}\n" for note in self.notes]
+        return "".join([title, *lines, *(["\n", *notes] if notes else [])])
 
     def csv(self) -> str:
         """The heads and the rows, without the title.
@@ -106,6 +110,7 @@ class Table:
                 *rows,
                 r"\bottomrule",
                 r"\end{tabular}",
+                *(rf"\par\footnotesize {_latex(note)}" for note in self.notes),
                 r"\end{table}",
                 "",
             ]
@@ -129,7 +134,9 @@ class Table:
             for row in self.texts
         )
         caption = f"<caption>{html.escape(self.title)}</caption>" if self.title else ""
-        return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>"
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        head = f"<thead><tr>{heads}</tr></thead>"
+        return f"<table>{caption}{head}<tbody>{lines}</tbody></table>{notes}"
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """For rich's print(), without the title.
@@ -146,7 +153,7 @@ class Table:
             heads, *others = ([escape(printable(text)) for text in row] for row in rows)
             found = Table(
                 Column(heads[0], no_wrap=True),
-                *map(Column, heads[1:]),
+                *(Column(head, overflow="fold") for head in heads[1:]),
                 box=box.SIMPLE,
                 pad_edge=False,
                 collapse_padding=True,

@@ -13,7 +13,16 @@ from rcmqp.runs.metrics import ROUNDING, compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
 from rcmqp.runs.vocabulary import MEASURES, meanings
-from rcmqp.show.labels import GIVEN, TOLD, given_cells, given_words, joint_units, unit_of
+from rcmqp.show.labels import (
+    GIVEN,
+    TOLD,
+    given_cells,
+    given_names,
+    given_words,
+    joint_units,
+    unit_of,
+)
+from rcmqp.show.remarks import remarks
 from rcmqp.show.table import Table, definitions
 
 
@@ -37,6 +46,7 @@ class Row:
     period_ms: str = ""
     gain: str = ""
     assumed: str = ""
+    setup: str = ""
     errors_until_s: float = np.nan
     duration_s: float = np.nan
     tip_rms_mm: float = np.nan
@@ -185,7 +195,7 @@ def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> Table:
     """What runs were given and their metrics down, runs across; what is missing says so."""
     found = [compute_metrics(run) for run in runs]
     given = [given_cells(run.head) for run in runs]
-    rows = [[MEASURES[name].row, *(each[name] for each in given)] for name in GIVEN]
+    rows = [[MEASURES[name].row, *(each[name] for each in given)] for name in given_names(given)]
     ends = [until(each.errors_until_s, each.duration_s) for each in found]
     rows.append([MEASURES["errors_until_s"].row, *ends])
     unit = unit_of(unit for run in runs for unit in joint_units(run.head))
@@ -236,7 +246,8 @@ def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
     lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in made}) != 1]
     lead = lead or ["controller"]
     title = f": {_words(made[0], [name for name in _LEAD if name not in lead])}" if made else ""
-    found = [_table(f"Errors and limits{title}", rows, lead, _ERRORS)]
+    errors = _table(f"Errors and limits{title}", rows, lead, _ERRORS)
+    found = [dataclasses.replace(errors, notes=remarks(rows))]
     if len(made) < len(rows):
         cells = [[*texts, row.failure] for texts, row in zip(found[0].rows, rows, strict=True)]
         heads = [*found[0].heads, MEASURES["failure"].column]
@@ -253,7 +264,7 @@ def _words(row: Row, shared: Sequence[str]) -> str:
     words |= given_words(dataclasses.asdict(row))
     end = MEASURES["errors_until_s"]
     words |= {"arm": f"on {row.arm}", end.name: f"{end.label} {_lead(row, end.name)} {end.unit}"}
-    return ", ".join(words[name] for name in shared)
+    return ", ".join(words[name] for name in shared if name in words)
 
 
 def _table(title: str, rows: Sequence[Row], lead: Sequence[str], names: Sequence[str]) -> Table:

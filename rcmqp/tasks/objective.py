@@ -12,7 +12,7 @@ from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.references.view import Reference
 from rcmqp.tasks.base import CompiledTask, Residual, block_of, check_finite, check_positive
-from rcmqp.tasks.objectives import Objective, make_objective
+from rcmqp.tasks.objectives import Objective, make_objective, own_objective
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -64,9 +64,7 @@ class ObjectiveTask(CompiledTask):
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
         """The arm's own objective, unless another, or the name of one, is given."""
-        own = "manipulability" if insertion.arm.srs_offsets is None else "singularity_product"
-        own = own if insertion.arm.nv >= 6 else "joint_centring"
-        objective = options.pop("objective", own)
+        objective = options.pop("objective", own_objective(insertion.arm))
         if isinstance(objective, str):
             objective = make_objective(objective, insertion.arm)
         return cls(objective, **options)

@@ -136,6 +136,17 @@ OBJECTIVES: dict[str, Callable[[Arm], Objective]] = {
 }
 
 
+def own_objective(arm: Arm) -> str:
+    """Name of the objective that an arm has where none is asked for.
+
+    It is that of the paper's controller: singularity_product on arms of that kind, manipulability
+    on others; and joint_centring where there are fewer than six joints.
+    """
+    if arm.nv < 6:
+        return "joint_centring"
+    return "manipulability" if arm.srs_offsets is None else "singularity_product"
+
+
 def make_objective(name: str, arm: Arm) -> Objective:
     """Make an objective for an arm.
 

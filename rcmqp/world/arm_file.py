@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp.errors import ArmError, UnknownName
+from rcmqp.files import absent
 from rcmqp.world.urdf_checks import MOST_LENGTH
 
 MOST_FILE = 1_000_000
@@ -152,7 +153,7 @@ def _toml(path: Path) -> dict[str, Any]:
     """An arm's file as a dictionary whose keys and tables are known."""
     try:
         if not path.is_file():
-            raise ArmError(f"{path}: no such file; give the path of an arm's .toml")
+            raise ArmError(f"{path}: {absent(path)}; give the path of an arm's .toml")
         if (size := path.stat().st_size) > MOST_FILE:
             raise ArmError(f"{path} has {size} bytes, an arm's file {MOST_FILE} at most")
         entry = tomllib.loads(path.read_text(encoding="utf-8"))

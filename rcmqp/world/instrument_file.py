@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.files import why
+from rcmqp.files import absent, why
 from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist, WristJoint
 from rcmqp.world.wrist_urdf import wrist_of_urdf
 
@@ -69,7 +69,7 @@ def load_instrument(path: str | os.PathLike[str]) -> Instrument:
     try:
         if not path.is_file():
             raise OptionError(
-                f"{path}: no such file; give the path of an instrument's .toml, or one of "
+                f"{path}: {absent(path)}; give the path of an instrument's .toml, or one of "
                 f"{', '.join(INSTRUMENTS)}"
             )
         if (size := path.stat().st_size) > MOST_FILE:

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 from rcmqp.errors import OptionError
+from rcmqp.files import absent
 
 _LOADED: dict[str, tuple[Path, int]] = {}
 """Files that module_of_file() has run, and when each was changed, by their module's name."""
@@ -27,7 +28,7 @@ def module_of_file(file: str | os.PathLike[str]) -> ModuleType:
     name = f"rcmqp_own_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if not path.is_file() or spec is None or spec.loader is None:
-        raise OptionError(f"{file}: no such file; give a name, or the path of a Python file")
+        raise OptionError(f"{file}: {absent(file)}; give a name, or the path of a Python file")
     key = path, path.stat().st_mtime_ns
     if _LOADED.get(name) == key:
         return sys.modules[name]

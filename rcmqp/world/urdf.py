@@ -19,6 +19,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from rcmqp.errors import ArmError
+from rcmqp.files import absent
 from rcmqp.world.mjcf import urdf_from_mjcf
 from rcmqp.world.urdf_checks import check_numbers, check_tree, check_xml
 
@@ -163,7 +164,7 @@ def _bytes(path: Path) -> bytes:
     except (OSError, ValueError):  # too long a name, or NUL in it
         there, size = False, 0
     if not there:
-        raise ArmError(f"{path}: no such file; give the path of a URDF or of an arm's .toml")
+        raise ArmError(f"{path}: {absent(path)}; give the path of a URDF or of an arm's .toml")
     if size > MOST_URDF:
         raise ArmError(f"{path} has {size} bytes, a URDF {MOST_URDF} at most")
     try:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.statistics import Effect, Summary, effect, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
-from rcmqp.show.labels import GIVEN
+from rcmqp.show.labels import GIVEN, given_names
 from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names, arm_title
 
@@ -86,7 +86,7 @@ def side_by_side(outcomes: Sequence[Outcome]) -> str:
     changes = {c.name: c for c in compared} if len(found) == 2 else {}
     ends = ["mean change", "effect size"] if changes else []
     given = [given_of(each) for each in of]
-    rows = [[TRIALS[name].row, *(each[name] for each in given)] for name in GIVEN]
+    rows = [[TRIALS[name].row, *(each[name] for each in given)] for name in given_names(given)]
     for name, kind, style in SIDE_BY_SIDE:
         numbers = (getattr(summary([getattr(o, name) for o in x]), kind) for x in of)
         cells = [TRIALS[name].text(number, style) for number in numbers]

@@ -31,7 +31,8 @@ class Outcome:
     """The numbers of a trial; NaN in a trial that failed.
 
     The vocabulary says what each number means, see TRIALS there. ``feed_forward``,
-    ``roll``, ``limits_enforced``, ``gain`` and ``assumed`` are as given_cells() has them.
+    ``roll``, ``limits_enforced``, ``gain``, ``assumed`` and ``setup`` are as given_cells() has
+    them.
     ``failure`` says why a trial has no run; it is empty if there is a run.
     """
 
@@ -45,6 +46,7 @@ class Outcome:
     limits_enforced: str = ""
     gain: str = ""
     assumed: str = ""
+    setup: str = ""
     finished: bool = False
     completion_s: float = np.nan
     reached_s: tuple[float, ...] = ()

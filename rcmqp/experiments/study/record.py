@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmqp.errors import RunFileError
 from rcmqp.experiments.study.outcome import TRACES, Outcome
-from rcmqp.files import whole
+from rcmqp.files import absent, whole
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import versions
@@ -102,7 +102,7 @@ class Record:
             RunFileError: the file is missing, damaged or no trial's.
         """
         if not path.is_file():
-            raise RunFileError(path, "is a folder" if path.is_dir() else "no such file")
+            raise RunFileError(path, f"{absent(path)}; give the path of a trial's .h5")
         with reading(path, "opening it"), h5py.File(path, "r") as file:
             kind = text_of(path, file, "format") if "format" in file.attrs else ""
             if kind != FORMAT:

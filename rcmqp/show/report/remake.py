@@ -32,22 +32,25 @@ def run_command(run: Run, scenario: str, file: str) -> str:
     path = run.scenario.path
     if isinstance(path, Foreign) and path.kind == REAL_TIME:
         return f"# {file}: recorded in real time, so no command makes it again"
-    kind = CONTROLLERS.get(run.controller)
+    kind, law = CONTROLLERS.get(run.controller), run.controller
     if kind is None or not _is_installed(kind, CONTROLLERS):
-        return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
+        if not (law := run.given.file):
+            return f"# {file}: its controller {run.controller!r} is not one of rcmqp's"
     if isinstance(path, Foreign) or not _is_installed(type(path), PATHS, STEERED):
         name = path.kind if isinstance(path, Foreign) else type(path).__name__
         return f"# {file}: its path {name!r} is not one of rcmqp's"
-    defaults = controller_options(run.controller)
+    defaults = {} if kind is None else controller_options(run.controller)
     changed = {name: x for name, x in run.options.items() if x != defaults.get(name)}
     if any(not isinstance(value, bool | int | float | str) for value in changed.values()):
         given = " and ".join(map(repr, changed))
         return f"# {file}: made in Python, its {given} were given there"
-    words = ["rcmqp", "run", scenario, "--controller", run.controller]
+    words = ["rcmqp", "run", scenario, "--controller", law]
     words += ["--period", repr(run.period), "--seed", str(run.scenario.seed)]
     for name, value in changed.items():
         words += ["--set", f"{name}={value}"]
-    return shlex.join([*words, "--out", file])
+    command = shlex.join([*words, "--out", file])
+    needs = law.rpartition(":")[0]
+    return f"# needs {shlex.quote(needs)} in this folder\n{command}" if needs else command
 
 
 def _is_installed(kind: type, *registries: Registry[Any]) -> bool:
