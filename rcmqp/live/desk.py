@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from rcmqp.live.messages import LONGEST, Hand, Malformed, Ping, Take, parse
+from rcmqp.live.messages import LONGEST, Hand, Malformed, Ping, Said, Take, parse
 
 STALE = 0.1
 """A hand's message that is older is not followed [s]."""
@@ -83,7 +83,7 @@ class Desk:
         self.operator: Visitor | None = None
         self._changes = 0
 
-    def hear(self, visitor: Visitor, text: str, now: float) -> Hand | Ping | Take | None:
+    def hear(self, visitor: Visitor, text: str, now: float) -> Hand | Ping | Take | Said | None:
         """What a visitor's message asks for; None where it is dropped.
 
         Args:
@@ -102,6 +102,9 @@ class Desk:
             said = parse(text)
         except Malformed:
             counts.malformed += 1
+            return None
+        if isinstance(said, Said) and visitor is not self.operator:
+            counts.watching += 1
             return None
         return self._passed(visitor, said, now) if isinstance(said, Hand) else said
 
