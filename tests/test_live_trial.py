@@ -145,7 +145,7 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
     task.write_text(TASK, encoding="utf-8")
     options = ("--arm", "panda", "--practice", "2", "--consent", str(consent), "--task", str(task))
     with trial(folder, *options) as (process, address), browser() as chromium:
-        page = chromium.new_context(viewport={"width": 1024, "height": 768}).new_page()
+        page = chromium.new_context(viewport={"width": 840, "height": 460}).new_page()
         said: list[str] = []
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(address)

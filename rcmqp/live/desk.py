@@ -21,7 +21,8 @@ class Counts:
     """What came from pages, and what was dropped.
 
     Attributes:
-        hands: messages of the operator's hand, passed on to the loop.
+        hands: messages of the operator's hand that were let through to the loop.
+        lost: of these and of the hands of pages that went, those that the loop did not take.
         malformed: not a message of ours.
         huge: longer than LONGEST letters.
         too_many: beyond MOST in a second.
@@ -32,6 +33,7 @@ class Counts:
     """
 
     hands: int = 0
+    lost: int = 0
     malformed: int = 0
     huge: int = 0
     too_many: int = 0
@@ -43,7 +45,8 @@ class Counts:
     def rows(self) -> list[tuple[str, str]]:
         """For the report."""
         about = {
-            "hands": "messages of the hand passed on",
+            "hands": "messages of the hand let through",
+            "lost": "- lost, as the loop did not take them",
             "malformed": "- dropped, as they were malformed",
             "huge": "- dropped, as they were huge",
             "too_many": "- dropped, as they were too many",
