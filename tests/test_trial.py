@@ -19,7 +19,7 @@ from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder, checked_id
 from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
-from rcmqp.experiments.trial.task import papers_task, read_task, with_task
+from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
 from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.goals import Goals
 from rcmqp.live.messages import Malformed, Said, parse
@@ -29,7 +29,7 @@ from rcmqp.runs.loading import load_scenario
 
 NONE = dict.fromkeys(EXPERIENCE, 0)
 LAWS = (Law("hierarchical_qp"), Law("dual_quaternion"), Law("vfi_qp"))
-TASK = papers_task(CameraTask())
+TASK = scenarios_task(load_scenario("camera_task", "panda"))
 
 
 def design(**changes: Any) -> Design:

@@ -131,16 +131,14 @@ def _design(
     """What the options ask for."""
     from rcmqp.experiments.study.plan import Law
     from rcmqp.experiments.trial.design import Design
-    from rcmqp.experiments.trial.task import papers_task, read_task
-    from rcmqp.references.operators import camera_trial
+    from rcmqp.experiments.trial.task import read_task, scenarios_task
     from rcmqp.runs.loading import load_scenario
 
     scenario = scenario or "camera_task"
     settings = [controller_of(each) for each in controllers or ["hierarchical_qp"]]
     laws = tuple(Law(name, options=tuple(options.items())) for name, options in settings)
     if task is None:
-        path = camera_trial(load_scenario(scenario, arm).path, scenario)
-        chosen = papers_task(path.task, path.duration)
+        chosen = scenarios_task(load_scenario(scenario, arm))
     else:
         chosen = read_task(task)
     text = ""

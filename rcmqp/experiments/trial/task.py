@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from rcmqp.errors import OptionError
-from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.experiments.study.outcome import task_of
+from rcmqp.references.operators import camera_trial
 from rcmqp.references.paths import Search
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.insertion import Insertion
@@ -25,16 +26,15 @@ INSTRUCTIONS = (
 """What participants read, after the paper's section IV-B."""
 
 
-def papers_task(task: CameraTask, duration: float = 600.0) -> Search:
-    """The task of experiment B for a person, who has ``duration`` [s] at most."""
-    return Search(
-        places=task.targets,
-        spheres=task.spheres,
-        obstacle=task.obstacle,
-        tolerance=task.tolerance,
-        instructions=INSTRUCTIONS.format(tolerance=1e3 * task.tolerance),
-        duration=duration,
-    )
+def scenarios_task(scenario: Scenario) -> Search:
+    """The task of experiment B for a person, who has as long as the scenario's operator.
+
+    Raises:
+        OptionError: nobody steers in the scenario.
+    """
+    task, given = task_of(scenario), camera_trial(scenario.path, scenario.name)
+    instructions = INSTRUCTIONS.format(tolerance=1e3 * task.tolerance)
+    return dataclasses.replace(task, instructions=instructions, duration=given.duration)
 
 
 def read_task(file: Path) -> Search:
