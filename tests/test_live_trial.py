@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -93,7 +94,10 @@ class Operator:
         self.page = page
         box = page.locator("#scope").bounding_box()
         assert box is not None
-        self.size, self.middle = box["width"], (box["x"] + box["width"] / 2, box["y"] + 200.0)
+        self.size, self.middle = (
+            box["width"],
+            (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2),
+        )
         self.at = self.middle
 
     def hold(self) -> None:
@@ -115,7 +119,8 @@ class Operator:
         """Bring the sphere to where the small picture has it, until the page says it is found."""
         wanted = self.page.evaluate("rcmqp.wanted[0][0]")
         half = STANDOFF * 0.7  # of the picture, there [mm]
-        for _ in range(400):
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
             if (seen := self.page.evaluate(SEEN)) is None:
                 return
             (u, v, r), said = seen
@@ -145,7 +150,7 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
     task.write_text(TASK, encoding="utf-8")
     options = ("--arm", "panda", "--practice", "2", "--consent", str(consent), "--task", str(task))
     with trial(folder, *options) as (process, address), browser() as chromium:
-        page = chromium.new_context(viewport={"width": 840, "height": 460}).new_page()
+        page = chromium.new_context(viewport={"width": 820, "height": 300}).new_page()
         said: list[str] = []
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(address)
@@ -242,6 +247,8 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
     notes = json.loads(file.with_suffix(".json").read_text())
     assert (notes["attempts"], notes["finished"]) == (1, None)
     with trial(folder, "--id", "P07") as (process, address), participant(address) as page:
+        with urllib.request.urlopen(address) as first:
+            assert "new WebSocket" in first.read().decode()  # it hears that the next one is there
         hear(page, "next")
         say(page, "break")
         assert "broken off" in hear(page, "over")["title"]

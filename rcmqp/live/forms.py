@@ -29,7 +29,7 @@ def before_page(consent: str) -> str:
         lead += f'<div class="consent" tabindex="0">{html.escape(consent)}</div>'
     said = "I have read this and agree to take part." if consent else "I agree to take part."
     questions.append(f'<label><input type="checkbox" name="consent"> {said}</label>')
-    return _page("Before you begin", lead, questions, "go on")
+    return _page("Before you begin", lead, questions)
 
 
 def after_page(number: int, count: int) -> str:
@@ -42,15 +42,21 @@ def after_page(number: int, count: int) -> str:
         f'<textarea name="comment" maxlength="{LONGEST_COMMENT}"></textarea></fieldset>'
     )
     lead = f"<p>About task {number} of {count}, which you have just ended.</p>"
-    return _page("What was it like?", lead, questions, "go on")
+    return _page("What was it like?", lead, questions)
 
 
-def _page(title: str, lead: str, questions: Sequence[str], go_on: str) -> str:
+def waiting_page() -> str:
+    """What is there until the first page is; it goes on by itself."""
+    return _page("One moment, please.", "", [])
+
+
+def _page(title: str, lead: str, questions: Sequence[str]) -> str:
+    go_on = f'{BREAK}<button type="submit">go on</button>'
     body = Template(asset("form.html")).substitute(
         title=title,
         lead=lead,
         questions="\n    ".join(questions),
-        buttons=f'{BREAK}<button type="submit">{go_on}</button>',
+        buttons=go_on if questions else "",
         script=bundled("form.js", asset),
     )
     return framed(title, asset("page.css") + asset("task.css"), body)

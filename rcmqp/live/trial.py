@@ -13,6 +13,7 @@ from rcmqp.experiments.trial.design import Design
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.live import LOCAL
 from rcmqp.live.console import listening
+from rcmqp.live.forms import waiting_page
 from rcmqp.live.server import Console, Server
 from rcmqp.live.sitting import BrokenOff, Sitting
 from rcmqp.realtime.signals import ENDING
@@ -45,7 +46,7 @@ def run_trial(
     nowhere, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)  # before the first loop
     nowhere.setblocking(False)
     with nowhere, other, listening(LOCAL[0], port) as listener:
-        console = Console("", token, nowhere, local=True)
+        console = Console(waiting_page(), token, nowhere, local=True)
         sitting = Sitting(design, folder, identifier, console)
         address = f"http://{LOCAL[0]}:{listener.getsockname()[1]}/?token={token}"
         return asyncio.run(_serve(console, sitting, listener, lambda: started(address)))
@@ -60,7 +61,6 @@ async def _serve(
     for number in ENDING:
         asyncio.get_running_loop().add_signal_handler(number, server.leave)
     sit = asyncio.create_task(sitting.run())
-    await asyncio.sleep(0)  # its first page is there
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     while not server.started and not serving.done():
         await asyncio.sleep(0.01)
