@@ -85,12 +85,18 @@ def test_delete_removes_all_of_a_participant_and_nothing_else(tmp_path: Path) ->
         folder.add(name, NONE, design())
         folder.keep_notes(name, 1, {"answers": None})
         folder.run_file(name, 1).write_bytes(b"run")
+    (tmp_path / "figures").mkdir()
+    summed_up = ["figures/P01-1_fig6_errors.png", "figures/groups_1.png", "answers.csv"]
+    for name in (*summed_up, "figures/P011-1_fig6_errors.png"):
+        (tmp_path / name).write_text("of all")
     left = tmp_path / "trials" / ".P01-1.h5@host@1-2.part"
     left.write_bytes(b"killed")
     with pytest.raises(SystemExit, match="0"):
         main(["trial", "--out", str(tmp_path), "--delete", "P01"])
     assert folder.identifiers() == ["P011", "P02"]
     names = sorted(file.name for file in (tmp_path / "trials").iterdir())
+    assert [file.name for file in (tmp_path / "figures").iterdir()] == ["P011-1_fig6_errors.png"]
+    assert not (tmp_path / "answers.csv").exists()
     assert names == ["P011-1.h5", "P011-1.json", "P02-1.h5", "P02-1.json"]
     with pytest.raises(OptionError, match="no participant P01; it has P011, P02"):
         folder.delete("P01")

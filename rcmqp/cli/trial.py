@@ -84,7 +84,8 @@ def trial(
     kept = Folder(folder)
     if delete is not None:
         count = kept.delete(checked_id(delete))
-        out.print(f"removed {count} files of {delete}", highlight=False)
+        said = f"removed {count} files: those of {delete}, and tables of all, which rcmqp study"
+        out.print(f"{said} makes again", highlight=False, soft_wrap=True)
         return
     numbers = {"practice": practice, "scale": scale, "viscosity": viscosity}
     given = {name: value for name, value in numbers.items() if value is not None}

@@ -18,6 +18,9 @@ from rcmqp.references.operators import GROUPS
 PEOPLE, TRIALS = "people", "trials"
 """Folders of a study: answers before the task, and trials with the answers after it."""
 
+FIGURES, SUMMARIES = "figures", ("table.md", "trials.csv", "answers.csv")
+"""What ``rcmqp study`` makes of them all: a folder and files."""
+
 IDENTIFIER = re.compile(r"[A-Z]{0,3}[0-9]{1,6}", re.ASCII)
 
 
@@ -119,7 +122,7 @@ class Folder:
         write_text(self.run_file(identifier, number).with_suffix(".json"), _json(notes))
 
     def delete(self, identifier: str) -> int:
-        """Remove all of a participant; how many files there were.
+        """Remove all of a participant, and what sums up all people; how many files there were.
 
         Raises:
             OptionError: nobody has this identifier.
@@ -127,12 +130,15 @@ class Folder:
         """
         there = [
             file  # names that begin with a point are those of files that a kill left unfinished
-            for file in [*(self.path / PEOPLE).glob("*"), *(self.path / TRIALS).glob("*")]
+            for folder in (PEOPLE, TRIALS, FIGURES)
+            for file in (self.path / folder).glob("*")
             if re.fullmatch(rf"\.?{checked_id(identifier)}[.-].*", file.name) and file.is_file()
         ]
         if not there:
             known = ", ".join(self.identifiers()) or "nobody"
             raise OptionError(f"{self.path} has no participant {identifier}; it has {known}")
+        groups = (self.path / FIGURES).glob("groups_*")
+        there += [*filter(Path.is_file, [self.path / name for name in SUMMARIES]), *groups]
         for file in there:
             try:
                 file.unlink()

@@ -6,13 +6,11 @@ from pathlib import Path
 
 from rcmqp.experiments.study.comparisons import conditions
 from rcmqp.experiments.study.tables import outcomes_csv
+from rcmqp.experiments.trial.people import FIGURES, SUMMARIES
 from rcmqp.experiments.trial.results import Results
 from rcmqp.experiments.trial.tables import answers_csv, results_table
 from rcmqp.files import make_folder, write_text
 from rcmqp.runs.scenario import Scenario
-
-FIGURES = "figures"
-"""Folder of the figures."""
 
 
 def write_results(results: Results) -> tuple[str, list[Path]]:
@@ -22,14 +20,15 @@ def write_results(results: Results) -> tuple[str, list[Path]]:
         RunFileError: a file cannot be written.
     """
     text = results_table(results)
-    files = {
-        "table.md": f"# Study with people: {results.design.scenario}\n\n{text}",
-        "trials.csv": outcomes_csv(results.outcomes),
-        "answers.csv": answers_csv(results),
-    }
-    for name, content in files.items():
-        write_text(results.folder / name, content)
-    return text, [results.folder / name for name in files]
+    contents = (
+        f"# Study with people: {results.design.scenario}\n\n{text}",
+        outcomes_csv(results.outcomes),
+        answers_csv(results),
+    )
+    files = [results.folder / name for name in SUMMARIES]
+    for file, content in zip(files, contents, strict=True):
+        write_text(file, content)
+    return text, files
 
 
 def write_figures(results: Results) -> Path:
