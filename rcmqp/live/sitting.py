@@ -31,6 +31,9 @@ PRACTICE = (
 AGAIN = "The arm has stopped by itself. Please begin this part again."
 """What a participant reads whose loop ended before its time."""
 
+READING = 1.5
+"""How long a participant reads that a task is over, and lets go of the picture [s]."""
+
 WAITING = 20
 """What a participant says, and nobody has heard yet, at most."""
 
@@ -169,6 +172,7 @@ class Sitting:
                 "picture": quantiles(self._console.drawn.latency())
             }
             self._folder.keep_notes(self._id, number, notes)
+            await asyncio.sleep(READING)
 
     async def _after(self, number: int) -> None:
         """The questions after a task, if they are not answered."""
