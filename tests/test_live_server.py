@@ -285,6 +285,24 @@ def test_a_page_that_goes_lets_go_and_the_next_one_may_steer() -> None:
     on_a_server(act)
 
 
+def test_hands_that_the_loop_does_not_take_are_counted() -> None:
+    async def act(served: Served) -> None:
+        counts = served.console.desk.counts
+        async with served.connect() as page:
+            await say(page, kind="take")
+            await told(page, "role")
+            served.channel.close()
+            await say(page, **words(1, at=time.monotonic()))
+            await say(page, kind="ping", at=1, drawn=[])
+            await told(page, "pong")
+            assert (counts.hands, counts.lost) == (1, 1)
+        while served.console.desk.operator is not None:
+            await asyncio.sleep(0.01)
+        assert counts.lost == 2  # letting go as the page goes
+
+    on_a_server(act)
+
+
 def test_states_go_to_every_page_and_clocks_are_compared() -> None:
     async def act(served: Served) -> None:
         async with served.connect() as one, served.connect() as other:

@@ -23,12 +23,14 @@ from rcmqp.references.paths import (
     HandTrace,
     Lissajous,
     Path,
+    Search,
     Shows,
     TipTrace,
     ViewMoves,
     ViewSteps,
     views_of,
 )
+from rcmqp.world.obstacles import Sphere
 
 TIP_DEPTH = 0.1
 STEPS = ViewSteps(views=((0.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.3, 0.04)), dwell=0.5)
@@ -43,6 +45,7 @@ SAMPLES: dict[str, Path] = {  # one of each path that is registered
         HandMapping(scale=1.5),
     ),
     "lissajous": Lissajous(size=(0.03, -0.02, 0.01), duration=4.0, ramp=1.1),
+    "search": Search(((0.01, 0.0, 0.12),), (Sphere((0.01, 0.0, 0.16), 0.003),), duration=4.0),
     "tip_trace": TipTrace(
         (0.0, 1.0, 1.5, 2.5, 4.0),
         ((0, 0, 0), (0.02, -0.01, 0.01), (0.01, 0.01, 0.02), (0.0, 0.02, 0.04), (0.02, 0.0, 0.03)),

@@ -27,6 +27,7 @@ from rcmqp.cli import (
     reproduce,
     run,
     study,
+    trial,
     viewer,
 )
 from rcmqp.cli.console import err, out, show_warning
@@ -152,6 +153,7 @@ for command in (
     loopback.loopback,
     live.live,
     new.new,
+    trial.trial,
     viewer.view,
     viewer.snapshot,
     viewer.video,

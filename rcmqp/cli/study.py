@@ -47,9 +47,18 @@ Seed = Annotated[int, SEED]
 
 def study(
     scenario: Annotated[
-        str, typer.Argument(help="camera_task, a file like it, or a trial's .h5.")
+        str,
+        typer.Argument(
+            help="camera_task, a file like it, a trial's .h5, or a folder of rcmqp trial."
+        ),
     ],
-    operators: Operators = 20,
+    operators: Annotated[
+        int | None,
+        typer.Option(
+            help="How many simulated people; novices take turns. 20 without it, or none with a "
+            "folder of rcmqp trial."
+        ),
+    ] = None,
     seed: Seed = 0,
     arm: Annotated[
         list[str] | None,
@@ -87,7 +96,7 @@ def study(
     ),
     as_json: Annotated[bool, typer.Option("--json", help="Print every trial as JSON.")] = False,
 ) -> None:
-    """Let simulated operators do a task: operators x arms x controllers.
+    """Let simulated operators do a task, or sum up what people did: people x arms x controllers.
 
     For example,
 
@@ -103,6 +112,11 @@ def study(
     A trial's file holds its numbers and no run. To look at one, simulate it again, whole:
 
       rcmqp study study/runs/dual_quaternion_8ms_operator0003.h5 --out again
+
+    With a folder that rcmqp trial filled, people are summed up, and as many simulated operators
+    as are asked for do the same task beside them; all files go to that folder:
+
+      rcmqp study my_study --operators 20
     """
     from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
     from rcmqp.experiments.study.plan import Law, Study
@@ -111,6 +125,16 @@ def study(
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder)
         return
+    if (Path(scenario) / "study.json").is_file():  # see experiments.trial.design
+        others = (arm, controller, gain, period, flange, acceleration, jerk, trocar, axis, depth)
+        if any(each is not None for each in (*others, cone, tolerance, practice)):
+            raise OptionError(
+                f"{scenario} says what people did and with which controllers; with it, give no "
+                "more than --operators, --seed, --jobs and --json"
+            )
+        _people(Path(scenario), operators or 0, seed, jobs, as_json)
+        return
+    operators = 20 if operators is None else operators
     given = scenario_changes(None, period=period)
     laws = [
         Law(name, options=tuple(options.items()), **given)
@@ -187,6 +211,21 @@ def reproduce_b(
 def learning_of(practice: float | None) -> Learning | None:
     """What --practice asks for."""
     return None if practice is None else Learning(practice)
+
+
+def _people(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -> None:
+    """Sum up a study with people."""
+    from rcmqp.experiments.trial.report import write_figures, write_results
+    from rcmqp.experiments.trial.results import read_results
+
+    with console.bar(quiet=as_json) as advance:
+        found = read_results(folder, operators=operators, seed=seed, jobs=jobs, progress=advance)
+    text, files = write_results(found)
+    files.append(write_figures(found))
+    drawn = found.simulated
+    outcomes = [*found.outcomes, *(drawn.outcomes if drawn else [])]
+    notes = [*found.remarks, *(drawn.notes if drawn else [])]
+    _print(outcomes, notes, [text], files, as_json)
 
 
 def _print(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from rcmqp.live.messages import LONGEST, Hand, Malformed, Ping, Take, parse
+from rcmqp.live.messages import LONGEST, Hand, Malformed, Ping, Said, Take, parse
 
 STALE = 0.1
 """A hand's message that is older is not followed [s]."""
@@ -21,7 +21,8 @@ class Counts:
     """What came from pages, and what was dropped.
 
     Attributes:
-        hands: messages of the operator's hand, passed on to the loop.
+        hands: messages of the operator's hand that were let through to the loop.
+        lost: of these and of the hands of pages that went, those that the loop did not take.
         malformed: not a message of ours.
         huge: longer than LONGEST letters.
         too_many: beyond MOST in a second.
@@ -32,6 +33,7 @@ class Counts:
     """
 
     hands: int = 0
+    lost: int = 0
     malformed: int = 0
     huge: int = 0
     too_many: int = 0
@@ -43,7 +45,8 @@ class Counts:
     def rows(self) -> list[tuple[str, str]]:
         """For the report."""
         about = {
-            "hands": "messages of the hand passed on",
+            "hands": "messages of the hand let through",
+            "lost": "- lost, as the loop did not take them",
             "malformed": "- dropped, as they were malformed",
             "huge": "- dropped, as they were huge",
             "too_many": "- dropped, as they were too many",
@@ -83,7 +86,7 @@ class Desk:
         self.operator: Visitor | None = None
         self._changes = 0
 
-    def hear(self, visitor: Visitor, text: str, now: float) -> Hand | Ping | Take | None:
+    def hear(self, visitor: Visitor, text: str, now: float) -> Hand | Ping | Take | Said | None:
         """What a visitor's message asks for; None where it is dropped.
 
         Args:
@@ -102,6 +105,9 @@ class Desk:
             said = parse(text)
         except Malformed:
             counts.malformed += 1
+            return None
+        if isinstance(said, Said) and visitor is not self.operator:
+            counts.watching += 1
             return None
         return self._passed(visitor, said, now) if isinstance(said, Hand) else said
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from rcmqp.errors import RcmqpError
@@ -17,6 +18,12 @@ FARTHEST = 1e3
 
 LARGEST = 2**53
 """Whole numbers of a page are below it."""
+
+SAID = ("start", "break", "answers")
+"""What a page of a trial says besides."""
+
+MOST_ANSWERS = 10
+"""Answers of one message."""
 
 _PACKED = struct.Struct("<QQQ?6d")
 
@@ -81,7 +88,19 @@ class Take(NamedTuple):
     """A page asks to steer."""
 
 
-def parse(text: str) -> Hand | Ping | Take:
+class Said(NamedTuple):
+    """A participant of a trial begins, breaks off, or answers questions.
+
+    Attributes:
+        kind: one of SAID.
+        values: the answers by question; empty but for "answers".
+    """
+
+    kind: str
+    values: Mapping[str, int | bool | str]
+
+
+def parse(text: str) -> Hand | Ping | Take | Said:
     """What a page's message says.
 
     Raises:
@@ -105,7 +124,21 @@ def parse(text: str) -> Hand | Ping | Take:
         event = math.nan if data["event"] is None else _number(data["event"])
         number, grip = _whole(data["number"]), _whole(data["grip"])
         return Hand(number, grip, data["held"], _number(data["at"]), event, (x, y, z, roll))
+    if kind in SAID[:2] and not data:
+        return Said(kind, {})
+    if kind == SAID[2] and data.keys() == {"values"}:
+        return Said(kind, _answers(data["values"]))
     raise Malformed("no message of a kind that is known, with all that it needs")
+
+
+def _answers(values: Any) -> dict[str, int | bool | str]:
+    """Answers by question; texts are no longer than the message."""
+    if not isinstance(values, dict) or len(values) > MOST_ANSWERS:
+        raise Malformed("not an object of some answers")
+    return {
+        name: value if isinstance(value, bool | str) else _whole(value)
+        for name, value in values.items()
+    }
 
 
 def _number(value: Any, most: float = 1e15) -> float:

@@ -4,36 +4,75 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import json
 from string import Template
 from typing import Any
 
 from rcmqp.controllers import make_controller
+from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.paths import Search
+from rcmqp.references.view import ViewCommand, view_of_tip, view_pose
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.viewer.build import asset, framed, library, page_data
 from rcmqp.show.viewer.bundle import bundled
+from rcmqp.world.insertion import Insertion
 from rcmqp.world.loading import arm_title
 
 
 def page(scenario: Scenario, controller: str, options: dict[str, Any]) -> str:
-    """The page of a scenario whose arm is at its start; it needs no other file.
+    """The console's page of a scenario whose arm is at its start; it needs no other file.
 
     Args:
         scenario: arm, trocar, and what there is to be seen.
         controller: its name.
         options: of the controller.
     """
+    title = f"{scenario.name} on {arm_title(scenario.arm)}, live"
+    return _page(title, controller, start_data(scenario, controller, options), None)
+
+
+def task_page(data: str, words: dict[str, Any]) -> str:
+    """The page of a task or practice.
+
+    Args:
+        data: see start_data().
+        words: title, instructions, seconds, note, and those of task_words(); see task.js.
+    """
+    return _page(words["title"], "", data, words)
+
+
+def start_data(scenario: Scenario, controller: str, options: dict[str, Any]) -> str:
+    """The arm at its start and all around it, as a page has it; it takes some seconds to make."""
     short = dataclasses.replace(scenario, duration=scenario.period)
     insertion = short.insertion()
-    made = make_controller(controller, insertion, short.period, **options)
-    start = simulate(short, made)
+    start = simulate(short, make_controller(controller, insertion, short.period, **options))
     deepest = min(scenario.instrument.length, scenario.trocar.depth_range[1])
-    title = f"{scenario.name} on {arm_title(scenario.arm)}, live"
+    return page_data([start], ["arm"], insertion, deepest=deepest)
+
+
+def _page(title: str, subtitle: str, data: str, task: dict[str, Any] | None) -> str:
     body = Template(asset("live.html")).substitute(
         title=html.escape(title),
-        subtitle=html.escape(controller),
+        subtitle=html.escape(subtitle),
         meshcat=library("meshcat", "viewer/dist/main.min.js"),
-        data=page_data([start], ["arm"], insertion, deepest=deepest),
+        data=data,
+        task=json.dumps(task).replace("<", "\\u003c"),
         script=bundled("live.js", asset),
     )
-    return framed(title, asset("page.css") + asset("live.css"), body)
+    return framed(title, asset("page.css") + asset("live.css") + asset("task.css"), body)
+
+
+def task_words(task: Search, insertion: Insertion) -> dict[str, Any]:
+    """What the page of a task needs to know of it.
+
+    ``views`` has for each place the (4, 4) matrix, column after column, that moves the camera from
+    where it is at the start to where it is to be, in the world.
+    """
+    start = dq.to_se3(view_pose(insertion.x_rcm, ViewCommand()).x_d)
+    views = []
+    for place in task.places:
+        view = view_of_tip(place, (0.0, 0.0, 0.0), insertion.tip_depth)
+        moved = dq.to_se3(view_pose(insertion.x_rcm, view).x_d) * start.inverse()
+        views.append(moved.homogeneous.T.ravel().tolist())
+    return {"views": views, "instructions": task.instructions}

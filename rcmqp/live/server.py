@@ -21,7 +21,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmqp.live import LOCAL
 from rcmqp.live.desk import Desk, Visitor
-from rcmqp.live.messages import Hand, Ping, Take
+from rcmqp.live.messages import Hand, Ping, Said, Take
 from rcmqp.realtime.latency import LatencyCounter
 
 SECURITY = {
@@ -69,6 +69,8 @@ class Console:
     """Pages on one side, the loop on the other.
 
     Attributes:
+        page: HTML, what a page shows from its next load on.
+        said: is called with what a participant of a trial says.
         desk: who steers, and what was dropped.
         drawn: from a state that was sent to its picture, as the pages say.
         ended: why the loop ended; None while it runs.
@@ -85,7 +87,9 @@ class Console:
         """
         self.desk, self.drawn = Desk(), LatencyCounter()
         self.ended: str | None = None
-        self._page, self._token, self._channel, self._local = page, token, channel, local
+        self.page = page
+        self.said: Callable[[Said], None] = lambda said: None
+        self._token, self._channel, self._local = token, channel, local
         self._pages: dict[Visitor, Latest] = {}
         self.app = Starlette(
             routes=[Route("/", self._show), WebSocketRoute("/hand", self._serve)],
@@ -95,11 +99,23 @@ class Console:
         """Pass on from now on, in the running event loop, what the loop's process says."""
         asyncio.get_running_loop().add_reader(self._channel, self._receive)
 
+    def turn(self, channel: socket.socket) -> socket.socket:
+        """Go on with the channel of another loop, which does not block; the one before."""
+        asyncio.get_running_loop().remove_reader(self._channel)
+        before, self._channel = self._channel, channel
+        self.listen()
+        return before
+
     def end(self, why: str) -> None:
-        """Tell every page that the loop has ended."""
+        """Tell every page that the loop has ended, and why in a sentence."""
         self.ended = why
         for latest in self._pages.values():
             latest.put(_ended(why))
+
+    def tell(self, words: dict[str, Any]) -> None:
+        """Tell every page something."""
+        for latest in self._pages.values():
+            latest.answer(words)
 
     def _receive(self) -> None:
         """The newest state goes to every page."""
@@ -122,7 +138,7 @@ class Console:
             return PlainTextResponse(
                 "open the address that rcmqp live prints: it ends in a token\n", 403
             )
-        return HTMLResponse(self._page, headers=SECURITY)
+        return HTMLResponse(self.page, headers=SECURITY)
 
     async def _serve(self, page: WebSocket) -> None:
         """One page, from its first word to its last."""
@@ -165,6 +181,8 @@ class Console:
                     latest.answer({"kind": "pong", "at": said.at, "now": now})
                 elif isinstance(said, Take):
                     latest.answer({"kind": "role", "steers": self.desk.take(visitor)})
+                elif isinstance(said, Said):
+                    self.said(said)
                 else:
                     await asyncio.sleep(0)  # a page that floods does not hold up the others
 
@@ -174,12 +192,13 @@ class Console:
         self.desk.leave(visitor)
         if was:
             self._pass(Hand(0, 2**53, False, time.monotonic(), math.nan, (0.0, 0.0, 0.0, 0.0)))
-            for latest in self._pages.values():
-                latest.answer({"kind": "free"})
+            self.tell({"kind": "free"})
 
     def _pass(self, hand: Hand) -> None:
-        with contextlib.suppress(OSError):  # the loop has ended, or is far behind
+        try:
             self._channel.send(hand.pack())
+        except OSError:  # the loop has ended, or is far behind: then it ends the grip by itself
+            self.desk.counts.lost += 1
 
     def _is_ours(self, headers: Mapping[str, str]) -> bool:
         """Whether the name in the request is one of this machine's."""

@@ -1,12 +1,13 @@
 """The process of the loop: the arm, its controller, and the hand that comes from the server.
 
-The server starts it, writes a line of JSON to its stdin, and closes stdin to end it. It writes a
-line of JSON when it is ready, and another one at the end. Hands come, and states go, by a socket
-that it inherits.
+The server starts it, writes a line of JSON to its stdin, another line to begin, and closes stdin
+to end it. It writes a line of JSON when it is ready, and another one at the end. Hands come, and
+states go, by a socket that it inherits.
 """
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
 import math
@@ -20,12 +21,14 @@ import numpy as np
 
 from rcmqp.controllers import make_controller
 from rcmqp.errors import RcmqpError
+from rcmqp.live.goals import Goals
 from rcmqp.live.page_hand import PageHand
 from rcmqp.live.steering import Held, Steering
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.latency import Latency, LatencyCounter
 from rcmqp.realtime.loop import RealtimeLoop
 from rcmqp.references.governor import tip_distance
+from rcmqp.references.paths import Search
 from rcmqp.references.view import Stamped
 from rcmqp.runs.loop_record import LoopRecorder
 from rcmqp.runs.scenario import Scenario
@@ -74,6 +77,7 @@ class Session:
     Attributes:
         steering: makes the references.
         hand: of the page that steers.
+        goals: places that the tip is to reach; without any, none.
         input: from an input event to the command that follows it.
         state: from that command to the state that is sent of it.
     """
@@ -85,8 +89,10 @@ class Session:
         channel: socket.socket,
         period: float,
         hand: dict[str, float],
+        goals: Goals | None = None,
     ) -> None:
         """Begin at rest; ``hand`` has the options of Steering."""
+        self.goals = goals or Goals(np.zeros((0, 3)), math.inf)
         self.input, self.state = LatencyCounter(), LatencyCounter()
         self.hand = PageHand(channel, time.monotonic)
         self._insertion, self._robot, self._channel = insertion, robot, channel
@@ -107,6 +113,7 @@ class Session:
     def see(self, state: ArmState) -> None:
         """Take the state that was measured; every sixtieth of a second, tell the pages."""
         self.steering.see(state)
+        self.goals.see(self._time, self._insertion.tip(state.x))
         if self._cycle % self._every == 0:
             self._tell(state)
         self._cycle += 1
@@ -131,6 +138,7 @@ class Session:
             "depth": [float(insertion_depth(state.x, pivot, insertion.tip_depth))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,
+            "reached": self.goals.reached,
         }
         if self._cycle // self._every % 60 == 0:
             words["latency"] = self.latency()
@@ -169,28 +177,40 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
         RcmqpError: the loop cannot begin.
     """
     scenario = Scenario.from_json(header["scenario"])
+    path, goals = scenario.path, None
     insertion, period = simulated(scenario), scenario.period
     controller = make_controller(header["controller"], insertion, period, **header["options"])
     robot = SimulatedArm(insertion, period)
-    session = Session(insertion, robot, channel, period, header["hand"])
+    if isinstance(path, Search) and not header.get("practice"):
+        goals = Goals.of(path, insertion)
+    session = Session(insertion, robot, channel, period, header["hand"], goals)
     record = None
     if header["out"] is not None:
-        record = LoopRecorder(header["out"], controller, f"live {scenario.name}"[:200])
+        follows = path if isinstance(path, Search) else None
+        name = f"live {scenario.name}"[:200]
+        record = LoopRecorder(header["out"], controller, name, follows=follows)
+    duration = header.get("duration", LONGEST)
     held = Held.by(session.steering, controller)
-    loop = RealtimeLoop(robot, held, session, LONGEST, lateness=LATENESS, record=record)
+    loop = RealtimeLoop(robot, held, session, duration, lateness=LATENESS, record=record)
 
     def listen() -> None:
         sys.stdin.read()
         loop.stop()
 
+    def runs() -> bool:
+        if session.goals.done:
+            loop.stop()
+        return loop.cycle()
+
     with loop:
         say(ready=True)
+        begun = bool(sys.stdin.readline())
         threading.Thread(target=listen, daemon=True).start()
         gc.collect()
         gc.freeze()
         gc.disable()
         due = time.perf_counter()
-        while loop.cycle():
+        while begun and runs():
             due = max(due + period, time.perf_counter() - period)
             time.sleep(max(0.0, due - time.perf_counter()))
     report = loop.report()
@@ -200,12 +220,14 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
         "fault": "" if report.stop.fault == "asked to stop" else report.stop.fault,
         "latency": session.latency(),
         "rows": stopped,
+        "reached": session.goals.reached,
     }
 
 
 def say(**words: Any) -> None:
-    """Tell the server something."""
-    print(json.dumps(words), flush=True)
+    """Tell the server something, unless it was killed."""
+    with contextlib.suppress(BrokenPipeError):
+        print(json.dumps(words), flush=True)
 
 
 def main() -> None:

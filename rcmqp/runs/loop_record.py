@@ -20,6 +20,7 @@ from rcmqp.controllers.base import SAFE_STOP, Controller
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import Foreign
+from rcmqp.references.paths import Path as ViewPath
 from rcmqp.runs.head import check_replaceable
 from rcmqp.runs.scenario import MOST_CYCLES, Scenario
 from rcmqp.runs.simulate import versions
@@ -122,7 +123,12 @@ class LoopRecorder:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], controller: Controller, name: str = PATH
+        self,
+        path: str | os.PathLike[str],
+        controller: Controller,
+        name: str = PATH,
+        *,
+        follows: ViewPath | None = None,
     ) -> None:
         """Find out whether the file can be written; nothing is, yet.
 
@@ -130,6 +136,8 @@ class LoopRecorder:
             path: of the file; a run's file that is there is replaced at the end.
             controller: that the loop runs.
             name: what to call the scenario.
+            follows: the scenario's path, which says what there is to be seen; without it only the
+                poses asked for are known.
 
         Raises:
             RunFileError: the file cannot be written.
@@ -140,7 +148,7 @@ class LoopRecorder:
         scenario = Scenario.of(
             name,
             insertion,
-            Foreign(PATH, {"duration": period}),
+            follows or Foreign(PATH, {"duration": period}),
             duration=period * (MOST_CYCLES - 1),
             period=period,
             obstacles=insertion.obstacles,

@@ -119,8 +119,9 @@ class Keeper:
     def _say_how_long(self) -> None:
         """Put into the scenario how long the loop followed its references, and ran in all."""
         scenario = self._recorder.scenario
-        duration = max(self._time, scenario.period * max(1, self._count - 1))
-        path = Foreign(PATH, {"duration": self._followed})
+        duration, path = max(self._time, scenario.period * max(1, self._count - 1)), scenario.path
+        if isinstance(path, Foreign):
+            path = Foreign(PATH, {"duration": self._followed})
         self._recorder.scenario = dataclasses.replace(scenario, path=path, duration=duration)
 
 

@@ -7,9 +7,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.statistics import Effect, Summary, effect, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.show.labels import GIVEN, given_names
 from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names, arm_title
@@ -69,12 +72,20 @@ def comparisons(outcomes: Sequence[Outcome]) -> list[Comparison]:
     for a, b in itertools.combinations(conditions(outcomes), 2):
         if (a[0] == b[0]) == (a[1] == b[1]):
             continue
-        first, second = (_by_operator(outcomes, condition) for condition in (a, b))
-        people = sorted(first.keys() & second.keys())
-        for name in COMPARED:
-            found = effect(*([getattr(of[i], name) for i in people] for of in (first, second)))
-            rows.append(Comparison(a, b, name, found))
+        rows += [
+            Comparison(a, b, name, effect(*paired(outcomes, a, b, name).T)) for name in COMPARED
+        ]
     return rows
+
+
+def paired(outcomes: Sequence[Outcome], first: Condition, second: Condition, name: str) -> Array:
+    """A measure with two conditions, (n, 2), a row for each person that has both."""
+    a, b = (
+        {o.operator: o for o in outcomes if (o.arm, o.controller) == condition}
+        for condition in (first, second)
+    )
+    both = [i for i in a if i in b]
+    return np.array([[getattr(of[i], name) for of in (a, b)] for i in both]).reshape(-1, 2)
 
 
 def side_by_side(outcomes: Sequence[Outcome]) -> str:
@@ -83,7 +94,7 @@ def side_by_side(outcomes: Sequence[Outcome]) -> str:
     if len(found) < 2:
         return ""
     of = [[o for o in outcomes if (o.arm, o.controller) == each] for each in found]
-    changes = {c.name: c for c in compared} if len(found) == 2 else {}
+    changes = {c.name: c for c in compared if c.effect.change.count} if len(found) == 2 else {}
     ends = ["mean change", "effect size"] if changes else []
     given = [given_of(each) for each in of]
     rows = [[TRIALS[name].row, *(each[name] for each in given)] for name in given_names(given)]
@@ -162,7 +173,3 @@ def _size(found: Effect) -> str:
         return ""
     error = "" if math.isnan(found.size_error) else f" ± {found.size_error:.2g}"
     return f"{found.size:.2g}{error}"
-
-
-def _by_operator(outcomes: Sequence[Outcome], condition: Condition) -> dict[int, Outcome]:
-    return {o.operator: o for o in outcomes if (o.arm, o.controller) == condition}

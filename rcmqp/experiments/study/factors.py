@@ -65,6 +65,8 @@ hierarchical_qp has no feed-forward "off".
 Levels = tuple[str, float, str, str]
 """Name of the law, period [s], feed-forward, limits."""
 
+_People = dict[int | str, Outcome]
+
 
 def factors() -> dict[Levels, Law]:
     """Each combination of law, period, feed-forward and limits that can be had."""
@@ -130,9 +132,9 @@ def _pairs(all_levels: Sequence[Levels], place: int) -> list[tuple[Levels, Level
     ]
 
 
-def _ratio(pairs: Sequence[tuple[dict[int, Outcome], dict[int, Outcome]]], field: str) -> str:
+def _ratio(pairs: Sequence[tuple[_People, _People]], field: str) -> str:
     """Geometric mean of the second over the first, person by person; ± the Monte-Carlo error."""
-    people = sorted(set.intersection(*(set(side) for pair in pairs for side in pair)))
+    people = [i for i in pairs[0][0] if all(i in side for pair in pairs for side in pair)]
     logs = [
         np.mean([math.log(getattr(b[i], field) / getattr(a[i], field)) for a, b in pairs])
         for i in people

@@ -12,12 +12,12 @@ from matplotlib.patches import Circle
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp.experiments.study.comparisons import given_of
-from rcmqp.experiments.study.outcome import Outcome
+from rcmqp.experiments.study.outcome import Outcome, task_of
 from rcmqp.experiments.study.record import Record
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping
-from rcmqp.references.operators import GROUPS, camera_trial
+from rcmqp.references.operators import GROUPS
 from rcmqp.references.view import view_pose
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.labels import given_words
@@ -36,27 +36,29 @@ GROUP_COLOURS = dict(zip(GROUPS, ("#D55E00", "#0072B2"), strict=True))
 
 
 def views(scenario: Scenario, size: int = 480) -> list[Array]:
-    """The images (size, size, 3) of the start and of the four objectives: Fig. 4."""
-    path = camera_trial(scenario.path, scenario.name)
+    """The images (size, size, 3) of the start and of the objectives: Fig. 4."""
+    task = task_of(scenario)
     depth = scenario.insertion().tip_depth
     mapping = HandMapping()
-    shown: Sequence[Sphere] = (*path.task.spheres, path.task.obstacle)
+    shown = [*task.spheres, *([task.obstacle] if task.obstacle else [])]
+    colours = [*SPHERES[: len(task.spheres)], OBSTACLE]
     images = []
-    for target in ((0.0, 0.0, depth), *path.task.targets):
+    for target in ((0.0, 0.0, depth), *task.places):
         view = mapping.view(mapping.way(target, depth), (0.0, 0.0, 0.0), depth)
         camera = scenario.instrument.camera
         x = camera_pose(view_pose(dq.IDENTITY, view).x_d, depth, camera)
         pinhole = Pinhole(camera, size)
-        images.append(pinhole.render(x, shown, (*SPHERES, OBSTACLE)))
+        images.append(pinhole.render(x, shown, colours[: len(shown)]))
     return images
 
 
 def views_figure(scenario: Scenario) -> Figure:
-    """The five camera views, as the paper's Fig. 4."""
+    """The camera views, as the paper's Fig. 4."""
     images = views(scenario)
     figure = Figure(figsize=(2.6 * len(images), 3.0), layout="constrained")
-    titles = ["(a) start", *(f"({'bcde'[i]}) objective {i + 1}" for i in range(4))]
-    for axes, image, title in zip(figure.subplots(1, 5), images, titles, strict=True):
+    count = len(images)
+    titles = ["(a) start", *(f"({chr(ord('a') + i)}) objective {i}" for i in range(1, count))]
+    for axes, image, title in zip(figure.subplots(1, count), images, titles, strict=True):
         half = len(image) / 2.0
         shown = axes.imshow(image, interpolation="nearest", extent=(0, 2 * half, 2 * half, 0))
         shown.set_clip_path(Circle((half, half), half, transform=axes.transData))
@@ -105,23 +107,25 @@ def trial_figure(record: Record) -> Figure:
 
 def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
     """The camera's way with objectives and obstacle, as the paper's Fig. 7 [mm]."""
-    path = camera_trial(scenario.path, scenario.name)
+    task = task_of(scenario)
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     axes: Axes3D = figure.add_subplot(projection="3d")
     tip = 1e3 * record.traces["tip"]
     axes.plot(*tip.T, color="#0072B2", linewidth=1.0, label="camera")
     axes.scatter(*tip[:1].T, color="black", s=24, label="start", depthshade=False)
-    for i, (target, colour) in enumerate(zip(path.task.targets, SPHERES, strict=True)):
-        x, y, z = 1e3 * np.array(target)
+    places = 1e3 * np.array(task.places)
+    for i, (x, y, z) in enumerate(places):
+        colour = SPHERES[i % len(SPHERES)]
         label = "objectives" if i == 0 else None
         axes.scatter(
             [x], [y], [z], color=colour, s=50, edgecolor="black", depthshade=False, label=label
         )
         axes.text(x, y, z - 3.0, f"  {i + 1}", fontsize=11)
-    x, y, z = _ball(path.task.obstacle)
-    axes.plot_surface(x, y, z, color=OBSTACLE, alpha=0.5, linewidth=0, label="obstacle")
-    low, high = tip[:, 2].min() - 2.0, 1e3 * path.task.target_depth + 15.0
-    half = 1e3 * path.task.side / 2.0 + 15.0
+    if task.obstacle is not None:
+        x, y, z = _ball(task.obstacle)
+        axes.plot_surface(x, y, z, color=OBSTACLE, alpha=0.5, linewidth=0, label="obstacle")
+    low, high = tip[:, 2].min() - 2.0, places[:, 2].max() + 15.0
+    half = np.abs(places[:, :2]).max() + 15.0
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(high, low))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="depth [mm]")
     ticks = np.arange(-math.floor(half / 20.0) * 20.0, half, 20.0)
@@ -129,7 +133,7 @@ def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
     axes.set_box_aspect((2 * half, 2 * half, high - low), zoom=0.85)
     axes.view_init(elev=28, azim=-62)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
-    axes.set_title(_title(record.outcome), fontsize=10)
+    axes.set_title(_title(record.outcome), fontsize=8)
     return figure
 
 
@@ -169,7 +173,11 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
                 capsize=3,
                 label=group,
             )
-    legs.set(xlabel="objective", ylabel="time for it [s]", xticks=range(1, 5))
+    legs.set(
+        xlabel="objective",
+        ylabel="time for it [s]",
+        xticks=range(1, 1 + max((len(o.reached_s) for o in outcomes), default=0)),
+    )
     legs.set_ylim(0.0, 1.15 * legs.get_ylim()[1])
     if legs.containers:
         legs.legend(fontsize=8, loc="upper center", ncols=len(GROUPS))

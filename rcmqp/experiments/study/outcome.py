@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from rcmqp.experiments.study.plan import Trial
+from rcmqp.experiments.study.plan import Law, Trial
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import camera_trial, recognition_times
 from rcmqp.references.operators.camera_task import clearance, reached
+from rcmqp.references.paths import Search
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
@@ -36,7 +37,7 @@ class Outcome:
     ``failure`` says why a trial has no run; it is empty if there is a run.
     """
 
-    operator: int
+    operator: int | str
     group: str
     arm: str
     controller: str
@@ -70,42 +71,67 @@ class Outcome:
 
 
 def outcome_of(trial: Trial, run: Run) -> tuple[Outcome, dict[str, Array]]:
-    """Sum up a trial's run.
+    """Sum up the run of a simulated operator's trial.
 
     Returns:
         The numbers; and the traces by name, see TRACES.
     """
     scenario = run.scenario
     path = camera_trial(scenario.path, scenario.name)
-    insertion, task = scenario.insertion(), path.task
+    outcome, traces = sum_up(run, trial.operator, path.operator.group, trial.law)
+    done = [t for t in outcome.reached_s if not np.isnan(t)]
+    starts = (0.0, *done[:-1])
+    looking = recognition_times(path.operator, len(done), scenario.seed, path.learning, starts)
+    return dataclasses.replace(outcome, looking_s=float(sum(looking))), traces
+
+
+def task_of(scenario: Scenario) -> Search:
+    """What is to be found in a scenario.
+
+    Raises:
+        OptionError: the path is neither a Search nor a CameraTrial.
+    """
+    if isinstance(scenario.path, Search):
+        return scenario.path
+    task = camera_trial(scenario.path, scenario.name).task
+    return Search(task.targets, task.spheres, task.obstacle, task.tolerance)
+
+
+def sum_up(
+    run: Run, operator: int | str, group: str, law: Law
+) -> tuple[Outcome, dict[str, Array]]:
+    """Sum up the run of a trial, whoever steered.
+
+    Returns:
+        The numbers, without ``looking_s``; and the traces by name, see TRACES.
+    """
+    scenario = run.scenario
+    insertion, task = scenario.insertion(), task_of(scenario)
     back = dq.quaternion_conj(dq.P(insertion.x_rcm))
     pivot = np.array(scenario.trocar.pivot)
     tip, tip_d = (dq.rotate(back, points - pivot) for points in (run.tip, run.tip_d))
     shaft = insertion.instrument.length * dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
     mount = dq.rotate(back, run.tip - shaft - pivot)
-    axis = clearance(tip, mount, task.obstacle)
-    camera = np.linalg.norm(tip - np.array(task.obstacle.centre), axis=-1) - task.obstacle.radius
-    times = reached(run.time, tip, np.array(task.targets), task.tolerance)
+    camera = surface = np.full(len(tip), np.nan)
+    if (ball := task.obstacle) is not None:
+        camera = np.linalg.norm(tip - np.array(ball.centre), axis=-1) - ball.radius
+        surface = clearance(tip, mount, ball) - insertion.instrument.radius
+    times = reached(run.time, tip, np.array(task.places), task.tolerance)
     found = compute_metrics(run)
-    surface = axis - insertion.instrument.radius
     slow = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=-1) < SLOW * run.period
     moving = float(np.sqrt(np.mean(run.rcm_error[~slow] ** 2))) if not slow.all() else np.nan
-    done = times[~np.isnan(times)]
-    starts = (0.0, *done[:-1].tolist())
-    looking = recognition_times(path.operator, len(done), scenario.seed, path.learning, starts)
     values: dict[str, Any] = {name: getattr(found, name) for name in _FROM_METRICS}
     values |= given_cells(run.head)
     del values["period_ms"]  # the outcome has the period in seconds
     outcome = Outcome(
-        trial.operator,
-        path.operator.group,
+        operator,
+        group,
         scenario.arm,
-        str(trial.law),
+        str(law),
         scenario.period,
         finished=not np.isnan(times[-1]),
         completion_s=float(times[-1]),
         reached_s=tuple(map(float, times)),
-        looking_s=float(sum(looking)),
         obstacle_tip_mm=1e3 * float(camera.min()),
         obstacle_shaft_mm=1e3 * float(surface.min()),
         collided=bool(surface.min() < 0.0),

@@ -100,7 +100,7 @@ def table(performed: Performed, jump: Metrics | None = None) -> str:
         mine = [o for o in performed.outcomes if (o.arm, o.controller) == (arm, law)]
         given = ", ".join(given_words(given_of(mine)).values())
         parts.append(
-            f"## {title(arm)}, {law}\n\nThe controller: {given}.\n\n{_table_one(mine, jump)}"
+            f"## {title(arm)}, {law}\n\nThe controller: {given}.\n\n{table_one(mine, jump)}"
         )
     if beside := side_by_side(performed.outcomes):
         parts.insert(0, f"## Side by side\n\n{beside}")
@@ -111,7 +111,8 @@ def table(performed: Performed, jump: Metrics | None = None) -> str:
     return "\n".join(parts)
 
 
-def _table_one(outcomes: Sequence[Outcome], jump: Metrics | None) -> str:
+def table_one(outcomes: Sequence[Outcome], jump: Metrics | None = None) -> str:
+    """Markdown: the paper's Table I of one arm and controller, by group."""
     groups = {"all": list(outcomes)}
     for group in GROUPS:
         groups[group] = [o for o in outcomes if o.group == group]
@@ -122,7 +123,8 @@ def _table_one(outcomes: Sequence[Outcome], jump: Metrics | None) -> str:
             _cell(summary([getattr(o, name) for o in of]), TRIALS[name], len(of))
             for of in groups.values()
         ]
-        rows.append([TRIALS[name].row, paper, *cells])
+        if any(cells):
+            rows.append([TRIALS[name].row, paper, *cells])
     for name, paper in EXTREMES.items():
         found = [summary([getattr(o, name) for o in of]).largest for of in groups.values()]
         cells = [TRIALS[name].text(x, TRIALS[name].fixed) for x in found]

@@ -19,6 +19,7 @@ from rcmqp.references.paths.drawn import Drawn
 from rcmqp.references.paths.foreign import Foreign
 from rcmqp.references.paths.hand_trace import HandTrace
 from rcmqp.references.paths.lissajous import Lissajous
+from rcmqp.references.paths.search import Search
 from rcmqp.references.paths.tip_trace import TipTrace
 from rcmqp.references.paths.view_moves import ViewMoves
 from rcmqp.references.paths.view_steps import ViewSteps
@@ -70,6 +71,7 @@ _OWN: dict[str, type[Path]] = {
     "conical_helix": ConicalHelix,
     "hand_trace": HandTrace,
     "lissajous": Lissajous,
+    "search": Search,
     "tip_trace": TipTrace,
     "view_moves": ViewMoves,
     "view_steps": ViewSteps,
@@ -85,6 +87,7 @@ __all__ = [
     "HandTrace",
     "Lissajous",
     "Path",
+    "Search",
     "Shows",
     "TipTrace",
     "ViewMoves",

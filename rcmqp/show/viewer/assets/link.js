@@ -7,16 +7,18 @@ const PINGS = 10;
 
 /**
  * @typedef {import("./sources.js").State & {
- *   time: number, at: number, moving: boolean, stopped: number, latency?: Record<string, number[]>
+ *   time: number, at: number, moving: boolean, stopped: number, reached: number[], latency?: Record<string, number[]>
  * }} Live
  */
 
 export class Link {
   /**
-   * @param {{state: (state: Live) => void, role: (steers: boolean) => void, free: () => void, ended: (why: string) => void}} listener
+   * @param {{state: (state: Live) => void, role: (steers: boolean) => void, free: () => void, ended: (why: string) => void,
+   *   next?: () => void, refused?: (why: string) => void}} listener the last two in a trial
    */
   constructor(listener) {
     this.number = 0;
+    this.over = false;
     /** Ages of states when they were drawn [ms], not told yet. @type {number[]} */
     this.drawn = [];
     /** Of pings: how long there and back, and how far the server's clock is ahead [ms]. @type {[number, number][]} */
@@ -26,16 +28,32 @@ export class Link {
       this.ping();
       this.take();
     });
-    this.socket.addEventListener("close", () => listener.ended("the connection is lost; the arm is at rest"));
+    this.socket.addEventListener("close", () => {
+      if (!this.over) listener.ended("the connection is lost; the arm is at rest");
+    });
     this.socket.addEventListener("message", ({ data }) => {
       const said = JSON.parse(data);
       if (said.kind === "state") listener.state(said);
       else if (said.kind === "pong") this.compare(said);
       else if (said.kind === "role") listener.role(said.steers);
       else if (said.kind === "free") listener.free();
-      else if (said.kind === "ended") listener.ended(`the loop has ended: ${said.why}`);
+      else if (said.kind === "over") this.cover(said);
+      else if (said.kind === "next") listener.next?.();
+      else if (said.kind === "refused") listener.refused?.(said.why);
+      else if (said.kind === "ended") listener.ended(said.why);
     });
     setInterval(() => this.ping(), 1000);
+  }
+
+  /** What the page was for is over: say so in its place. @param {{title: string, text: string}} words */
+  cover({ title, text }) {
+    this.over = true;
+    const [cover, heading, line] = [document.createElement("main"), document.createElement("h1"), document.createElement("p")];
+    cover.className = "form";
+    cover.id = "over";
+    [heading.textContent, line.textContent] = [title, text];
+    cover.append(heading, line);
+    document.body.append(cover);
   }
 
   get open() { return this.socket.readyState === WebSocket.OPEN; }

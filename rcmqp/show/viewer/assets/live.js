@@ -9,6 +9,7 @@ import { Link } from "./link.js";
 import { readRecording } from "./recording.js";
 import { LiveSource } from "./sources.js";
 import { Stage } from "./stage.js";
+import { Task, sight } from "./task.js";
 
 /** How often a held hand is told of [ms]. */
 const EVERY = 16;
@@ -20,6 +21,8 @@ const LIGHT = 66;
 const READ = 100;
 /** An arm whose joints turn less from one picture to the next stands still [rad]. */
 const AT_REST = 1e-6;
+/** How much later a page that watches goes on than the operator's, who steers on [ms]. */
+const WATCHER = 1500;
 /** Ages of pictures that the page's own quantiles are of. */
 const AGES = 600;
 
@@ -36,6 +39,8 @@ let drawn = { time: -1, at: 0, wrote: 0, angles: first.source.at(0).angles };
 /** @type {number[]} */
 const ages = [];
 
+/** @type {import("./task.js").Orders | null} */
+const orders = JSON.parse(query(document, "#task-data").textContent ?? "null");
 const link = new Link({
   state(state) {
     if (!source.push(state.time, state)) return;
@@ -50,6 +55,7 @@ const link = new Link({
   },
   free() {
     page.free = true;
+    if (task) link.take(); // a participant's page that was loaded again
     write();
   },
   ended(why) {
@@ -57,7 +63,13 @@ const link = new Link({
     hand.release();
     write();
   },
+  next() {
+    release();
+    setTimeout(() => location.reload(), page.steers ? 0 : WATCHER);
+  },
 });
+
+const task = orders && new Task(orders, stage, link);
 
 /** Tell the server of the hand now, and that it has let go without fail. */
 function tell() {
@@ -105,12 +117,14 @@ function write() {
   const said =
     page.ended ? ["ended", page.ended] :
     !page.steers ? ["watch", page.free ? "nobody steers" : "somebody else steers; you watch"] :
-    page.silent ? ["stopped", "stopped after 100 ms of silence: hold again"] :
+    task && !newest ? ["rest", "press start when you are ready"] :
+    page.silent ? ["stopped", `stopped after ${task ? "a delay" : "100 ms of silence"}: let go and hold again`] :
     held ? ["held", "you hold the camera"] :
     ["rest", newest?.moving ? "coming to rest" : "at rest: hold the picture and drag"];
   document.body.dataset.said = said[0];
   query(document, "#said").textContent = said[1];
   query(document, "#take").hidden = page.steers || page.ended !== "" || !page.free;
+  task?.write(page.steers && !page.ended, newest);
   if (!newest) return;
   query(document, "#rcm").textContent = short(Math.hypot(...Array.from(newest.slip)));
   query(document, "#depth").textContent = depth(newest.depth[0]);
@@ -221,8 +235,9 @@ function draw(now) {
 stage.paint();
 stage.choose({ close: true });
 light(isSoftware());
-showScene(!page.light && window.innerWidth > 900);
+showScene(!task && !page.light && window.innerWidth > 900);
 stage.seek(source.newest);
+task?.draw();
 query(document, "#wait").remove();
 write();
 requestAnimationFrame(draw);
@@ -232,6 +247,9 @@ window.rcmqp = {
   get steers() { return page.steers; },
   get way() { return hand.way; },
   get clock() { return link.ahead; },
+  /** Spheres as the picture shows them now, and as the task's pictures do: see sight(). */
+  get sights() { return sight(stage, stage.arms[0].camera); },
+  get wanted() { return task?.cameras.map((camera) => sight(stage, camera)) ?? []; },
   get said() { return query(document, "#said").textContent; },
   /** Where a point stands in the endoscope's picture, from its middle, right and down. @param {number[]} point [m] */
   seen(point) {

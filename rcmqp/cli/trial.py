@@ -1,0 +1,157 @@
+"""rcmqp trial: experiment B with people."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rcmqp.cli.console import out
+from rcmqp.controllers.settings import controller_of
+from rcmqp.errors import OptionError, ToolMissing
+
+if TYPE_CHECKING:
+    from rcmqp.experiments.trial.design import Design
+
+
+def trial(
+    scenario: Annotated[
+        str | None, typer.Argument(help="camera_task, or a file like it; not needed later.")
+    ] = None,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder of the study.")] = Path(
+        "trial"
+    ),
+    identifier: Annotated[
+        str | None,
+        typer.Option("--id", help="Who comes, such as P07, no name; the next free one without."),
+    ] = None,
+    arm: Annotated[
+        str | None, typer.Option("--arm", "-a", help="Name; the scenario's own without it.")
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--controller",
+            "-c",
+            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated, each is a task; "
+            "hierarchical_qp without it.",
+        ),
+    ] = None,
+    task: Annotated[
+        Path | None, typer.Option(help="TOML file of a task of your own; the paper's without it.")
+    ] = None,
+    consent: Annotated[
+        Path | None, typer.Option(help="Text file that participants agree to.")
+    ] = None,
+    practice: Annotated[
+        float | None, typer.Option(help="How long novices practise, in s; 120 without it.")
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="How far the tip moves, over the hand; 1 without it.")
+    ] = None,
+    viscosity: Annotated[
+        float | None, typer.Option(help="Of the device, in N s/m; 15 without it.")
+    ] = None,
+    delete: Annotated[
+        str | None, typer.Option(metavar="ID", help="Remove all files of a participant.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port to listen at; any without it.")] = 0,
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Do not open the page in a browser.")
+    ] = False,
+) -> None:
+    """Lead a participant through experiment B: questions, practice, tasks, in a browser.
+
+    For example,
+
+      rcmqp trial camera_task --arm panda --out study --consent consent.txt
+
+      rcmqp trial --out study            the next participant
+
+      rcmqp trial --out study --id P03   who broke off goes on
+
+      rcmqp trial --out study --delete P03
+
+      rcmqp study study                  tables of what was done
+
+    The order of the controllers is counterbalanced. All files stay in the folder; the page is
+    reached from this machine only. Ends with exit code 1 where the participant broke off.
+    """
+    from rcmqp.experiments.trial.people import Folder, checked_id
+
+    kept = Folder(folder)
+    if delete is not None:
+        count = kept.delete(checked_id(delete))
+        said = f"removed {count} files: those of {delete}, and tables of all, which rcmqp study"
+        out.print(f"{said} makes again", highlight=False, soft_wrap=True)
+        return
+    numbers = {"practice": practice, "scale": scale, "viscosity": viscosity}
+    given = {name: value for name, value in numbers.items() if value is not None}
+    changes = (scenario, arm, controller, task, consent)
+    if given or any(each is not None for each in changes):
+        design = _design(scenario, arm, controller, task, consent, given)
+        _check(design)
+    else:
+        from rcmqp.experiments.trial.design import Design
+
+        design = Design.load(folder)
+    try:
+        from rcmqp.live.trial import run_trial
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets"):
+            raise
+        raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
+    from rcmqp.files import make_folder
+
+    design.keep(make_folder(folder))
+    who = kept.next_id() if identifier is None else checked_id(identifier)
+
+    def started(address: str) -> None:
+        said = f"{address}\nparticipant {who}; Ctrl-C breaks off"
+        out.print(said, markup=False, highlight=False, soft_wrap=True)
+        if not no_open:
+            webbrowser.open(address)
+
+    if why := run_trial(design, kept, who, port=port, started=started):
+        again = f"rcmqp trial --out {folder} --id {who} goes on from here"
+        out.print(f"{why}; {again}", markup=False, highlight=False, soft_wrap=True)
+        raise typer.Exit(1)
+    out.print(f"{who} is done: {folder}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _design(
+    scenario: str | None,
+    arm: str | None,
+    controllers: list[str] | None,
+    task: Path | None,
+    consent: Path | None,
+    given: dict[str, Any],
+) -> Design:
+    """What the options ask for."""
+    from rcmqp.experiments.study.plan import Law
+    from rcmqp.experiments.trial.design import Design
+    from rcmqp.experiments.trial.task import read_task, scenarios_task
+    from rcmqp.runs.loading import load_scenario
+
+    scenario = scenario or "camera_task"
+    settings = [controller_of(each) for each in controllers or ["hierarchical_qp"]]
+    laws = tuple(Law(name, options=tuple(options.items())) for name, options in settings)
+    if task is None:
+        chosen = scenarios_task(load_scenario(scenario, arm))
+    else:
+        chosen = read_task(task)
+    text = ""
+    if consent is not None:
+        try:
+            text = consent.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise OptionError(f"the text of consent {consent} cannot be read: {error}") from error
+    return Design(scenario, arm or "", laws, chosen, consent=text, **given)
+
+
+def _check(design: Design) -> None:
+    """Make what every participant will need, so that a mistake is found before the first comes."""
+    for law in design.laws:
+        law.controller(design.made(law))

@@ -1,0 +1,1 @@
+"""Experiment B with people: the task, the questions, and what is kept of each participant."""

@@ -1,0 +1,119 @@
+"""The design of a study with people: what they do, with which controllers, in which order."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.trial.task import with_task
+from rcmqp.files import write_text
+from rcmqp.maths.options import at_least, options, positive
+from rcmqp.references.paths import Search
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.scenario import Scenario
+
+FILE = "study.json"
+"""The design's file, in the folder of the study."""
+
+MOST_TEXT = 20_000
+"""Letters of the text of consent."""
+
+
+def orders(count: int) -> list[tuple[int, ...]]:
+    """Rows of a Latin square of ``count`` conditions, balanced for what precedes what (Williams).
+
+    Each condition is equally often at each place, and each follows each other one equally often.
+    With an odd number of conditions this takes two squares.
+    """
+    first = [0]
+    for k in range(1, count):
+        first.append((k + 1) // 2 if k % 2 else count - k // 2)
+    square = [tuple((each + row) % count for each in first) for row in range(count)]
+    return square + [row[::-1] for row in square] if count > 1 and count % 2 else square
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Design:
+    """What every participant of a study does.
+
+    Attributes:
+        scenario: name or file.
+        arm: name, or path of a URDF; empty for the scenario's own.
+        laws: controllers, each a trial; their order differs from participant to participant.
+        task: what is to be found.
+        practice: how long novices practise [s]; 0 for not at all.
+        scale: tip over hand.
+        viscosity: of the device [N s/m].
+        consent: text that a participant agrees to; empty for none.
+    """
+
+    scenario: str
+    arm: str
+    laws: tuple[Law, ...]
+    task: Search
+    practice: float = field(default=120.0, metadata=at_least(0.0, "s"))
+    scale: float = field(default=1.0, metadata=positive())
+    viscosity: float = field(default=15.0, metadata=at_least(0.0, "N s/m"))
+    consent: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that conditions differ and that the text of consent is one that can be read."""
+        if not self.laws or len(set(self.laws)) < len(self.laws):
+            raise OptionError("the controllers of a study must be at least one, each given once")
+        if len(self.consent) > MOST_TEXT:
+            raise OptionError(f"the text of consent must have at most {MOST_TEXT} letters")
+
+    def made(self, law: Law) -> Scenario:
+        """The scenario with the task, at the period of a controller."""
+        base = load_scenario(self.scenario, self.arm or None, period=law.period)
+        return with_task(base, self.task)
+
+    def to_json(self) -> str:
+        """As a file keeps it."""
+        data = dataclasses.asdict(self) | {"laws": [law.to_json() for law in self.laws]}
+        return json.dumps(data, indent=1) + "\n"
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """The design of the study in a folder.
+
+        Raises:
+            OptionError: there is none, or it is damaged.
+        """
+        file = folder / FILE
+        try:
+            data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+            data["laws"] = tuple(map(Law.from_json, data["laws"]))
+            data["task"] = Search(**data["task"])
+            return cls(**data)
+        except FileNotFoundError as error:
+            raise OptionError(
+                f"{folder} has no study with people: no {FILE}; begin one with "
+                f"rcmqp trial camera_task --out {folder}"
+            ) from error
+        except (OSError, ValueError, TypeError, KeyError, RcmqpError) as error:
+            raise OptionError(f"{file} is damaged: {error}") from error
+
+    def keep(self, folder: Path) -> None:
+        """Write the design of a new study; of one that has begun, check that it is the same.
+
+        Raises:
+            OptionError: the study in the folder has another design.
+            RunFileError: it cannot be written.
+        """
+        if not (folder / FILE).exists():
+            write_text(folder / FILE, self.to_json())
+            return
+        kept = Design.load(folder)
+        for item in dataclasses.fields(Design):
+            if getattr(kept, item.name) != getattr(self, item.name):
+                raise OptionError(
+                    f"{folder} is a study with another {item.name}; all participants do the "
+                    "same: give the same options as before, or another folder"
+                )

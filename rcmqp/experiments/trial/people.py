@@ -1,0 +1,165 @@
+"""What is kept of each participant: an identifier, answers and trials; no name, no date."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rcmqp.errors import OptionError, RunFileError
+from rcmqp.experiments.trial.design import Design, orders
+from rcmqp.experiments.trial.questions import group_of
+from rcmqp.files import make_folder, write_text
+from rcmqp.references.operators import GROUPS
+
+PEOPLE, TRIALS = "people", "trials"
+"""Folders of a study: answers before the task, and trials with the answers after it."""
+
+FIGURES, SUMMARIES = "figures", ("table.md", "trials.csv", "answers.csv")
+"""What ``rcmqp study`` makes of them all: a folder and files."""
+
+IDENTIFIER = re.compile(r"[A-Z]{0,3}[0-9]{1,6}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A participant who has answered the questions before the task.
+
+    Attributes:
+        identifier: see checked_id().
+        before: answers, see questions.EXPERIENCE.
+        group: novice or experienced.
+        row: of orders(), in which the conditions come.
+        practised: whether the practice is over, or not needed.
+    """
+
+    identifier: str
+    before: Mapping[str, int]
+    group: str
+    row: int
+    practised: bool
+
+
+def checked_id(text: str) -> str:
+    """An identifier: up to three capital letters, then one to six digits; a name is not one.
+
+    Raises:
+        OptionError: it is not one.
+    """
+    if not IDENTIFIER.fullmatch(text):
+        raise OptionError(
+            f"identifier {text!r:.50}, it must be at most three capital letters and then one to "
+            "six digits, such as P07; a study keeps no names"
+        )
+    return text
+
+
+class Folder:
+    """The files of a study with people."""
+
+    def __init__(self, path: Path) -> None:
+        """Of the study in a folder; nothing is written yet."""
+        self.path = path
+
+    def identifiers(self) -> list[str]:
+        """Who takes part, sorted."""
+        found = (file.stem for file in (self.path / PEOPLE).glob("*.json"))
+        return sorted(name for name in found if IDENTIFIER.fullmatch(name))
+
+    def next_id(self) -> str:
+        """The one of P01, P02 and so on that follows the last."""
+        numbers = [int(name[1:]) for name in self.identifiers() if re.fullmatch("P[0-9]+", name)]
+        return f"P{max(numbers, default=0) + 1:02d}"
+
+    def person(self, identifier: str) -> Person | None:
+        """A participant; None before the questions are answered.
+
+        Raises:
+            RunFileError: the file is damaged.
+        """
+        data = self._read(self._person_file(identifier))
+        if data is None:
+            return None
+        try:
+            found = Person(**data)
+            known = found.group in GROUPS and found.identifier == identifier
+        except TypeError:
+            known = False
+        if not known:
+            raise RunFileError(self._person_file(identifier), "is damaged; delete the participant")
+        return found
+
+    def add(self, identifier: str, before: Mapping[str, int], design: Design) -> Person:
+        """Take a new participant, in the order that fewest of the same group have had so far."""
+        make_folder(self.path / PEOPLE)
+        make_folder(self.path / TRIALS)
+        group = group_of(before)
+        others = [self.person(name) for name in self.identifiers()]
+        rows = [each.row for each in others if each is not None and each.group == group]
+        row = min(range(len(orders(len(design.laws)))), key=rows.count)
+        practised = group != GROUPS[0] or design.practice == 0.0
+        person = Person(identifier, before, group, row, practised)
+        self.keep_person(person)
+        return person
+
+    def keep_person(self, person: Person) -> None:
+        """Write a participant's answers."""
+        write_text(self._person_file(person.identifier), _json(asdict(person)))
+
+    def run_file(self, identifier: str, number: int) -> Path:
+        """The run of a participant's trial; the first has number 1."""
+        return self.path / TRIALS / f"{checked_id(identifier)}-{number}.h5"
+
+    def notes(self, identifier: str, number: int) -> dict[str, Any] | None:
+        """What is kept beside a run: condition, latencies, answers; None before its end."""
+        return self._read(self.run_file(identifier, number).with_suffix(".json"))
+
+    def keep_notes(self, identifier: str, number: int, notes: Mapping[str, Any]) -> None:
+        """Write what is kept beside a run."""
+        write_text(self.run_file(identifier, number).with_suffix(".json"), _json(notes))
+
+    def delete(self, identifier: str) -> int:
+        """Remove all of a participant, and what sums up all people; how many files there were.
+
+        Raises:
+            OptionError: nobody has this identifier.
+            RunFileError: a file cannot be removed.
+        """
+        there = [
+            file  # names that begin with a point are those of files that a kill left unfinished
+            for folder in (PEOPLE, TRIALS, FIGURES)
+            for file in (self.path / folder).glob("*")
+            if re.fullmatch(rf"\.?{checked_id(identifier)}[.-].*", file.name) and file.is_file()
+        ]
+        if not there:
+            known = ", ".join(self.identifiers()) or "nobody"
+            raise OptionError(f"{self.path} has no participant {identifier}; it has {known}")
+        groups = (self.path / FIGURES).glob("groups_*")
+        there += [*filter(Path.is_file, [self.path / name for name in SUMMARIES]), *groups]
+        for file in there:
+            try:
+                file.unlink()
+            except OSError as error:
+                raise RunFileError(file, f"cannot be removed: {error.strerror}") from error
+        return len(there)
+
+    def _person_file(self, identifier: str) -> Path:
+        return self.path / PEOPLE / f"{checked_id(identifier)}.json"
+
+    def _read(self, file: Path) -> dict[str, Any] | None:
+        try:
+            data = json.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise RunFileError(file, f"cannot be read: {error}") from error
+        if not isinstance(data, dict):
+            raise RunFileError(file, "is damaged; delete the participant")
+        return data
+
+
+def _json(data: Mapping[str, Any]) -> str:
+    return json.dumps(data, indent=1, sort_keys=True) + "\n"

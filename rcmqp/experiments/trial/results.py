@@ -1,0 +1,146 @@
+"""What people did in a study, read from its folder, and simulated operators at the same task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.experiments.batch import Progress
+from rcmqp.experiments.study.outcome import Outcome, sum_up, task_of
+from rcmqp.experiments.study.perform import Performed, perform
+from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.record import Record
+from rcmqp.experiments.trial.design import Design
+from rcmqp.experiments.trial.people import Folder
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.run import Run
+
+SIMULATED = "simulated"
+"""Folder of the simulated operators' trials, in the study's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """A task that a participant has ended.
+
+    Attributes:
+        number: of the task; the participant's first is 1.
+        notes: see sitting.Sitting: condition, answers and so on.
+        record: numbers and traces; the operator is the identifier.
+    """
+
+    number: int
+    notes: Mapping[str, Any]
+    record: Record
+
+    @property
+    def outcome(self) -> Outcome:
+        """The numbers."""
+        return self.record.outcome
+
+    @property
+    def answers(self) -> Mapping[str, Any]:
+        """To the questions after the task; empty if they are not answered yet."""
+        return self.notes["answers"] or {}
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """A study with people, as far as it has come.
+
+    Attributes:
+        design: of the study.
+        folder: of the study.
+        ended: tasks that people have ended, one participant after the other.
+        simulated: operators of the model at the same task; None without any.
+        remarks: which tasks do not count, and why.
+    """
+
+    design: Design
+    folder: Path
+    ended: list[Ended]
+    simulated: Performed | None
+    remarks: list[str]
+
+    @property
+    def outcomes(self) -> list[Outcome]:
+        """Of the people."""
+        return [each.outcome for each in self.ended]
+
+
+def read_results(
+    folder: Path,
+    *,
+    operators: int = 0,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Results:
+    """Read what people did, and let simulated operators do the same.
+
+    Args:
+        folder: that ``rcmqp trial`` filled.
+        operators: how many simulated people, with the same controllers.
+        seed: of the simulated people.
+        jobs: processes for them.
+        progress: see perform().
+
+    Raises:
+        OptionError: the folder has no study, nobody has ended a task, or simulated operators
+            cannot do this task.
+        RunFileError: a participant's file is damaged.
+    """
+    design, kept = Design.load(folder), Folder(folder)
+    ended, remarks = [], []
+    for name in kept.identifiers():
+        person = kept.person(name)
+        assert person is not None
+        for number in range(1, 1 + len(design.laws)):
+            notes = kept.notes(name, number)
+            if notes is None or notes.get("finished") is None:
+                remarks.append(f"{name} has not ended task {number}; it does not count")
+                continue
+            try:
+                ended.append(_ended(kept.run_file(name, number), name, person.group, notes))
+            except RcmqpError as error:
+                remarks.append(f"task {number} of {name} does not count: {error}")
+    if not ended:
+        why = f": {remarks[0]}" if remarks else ""
+        raise OptionError(
+            f"{folder} has no task that counts yet{why}; rcmqp trial --out {folder} goes on"
+        )
+    return Results(
+        design, folder, ended, _simulate(design, folder, operators, seed, jobs, progress), remarks
+    )
+
+
+def _ended(file: Path, name: str, group: str, notes: Mapping[str, Any]) -> Ended:
+    """Raise RcmqpError if the run cannot be read."""
+    run, law = Run.load(file), Law.from_json(notes["law"])
+    outcome, traces = sum_up(run, name, group, law)
+    record = Record(outcome, run.scenario.to_json(), law.to_json(), "", traces)
+    return Ended(notes["number"], notes, record)
+
+
+def _simulate(
+    design: Design,
+    folder: Path,
+    operators: int,
+    seed: int,
+    jobs: int,
+    progress: Progress | None,
+) -> Performed | None:
+    if not operators:
+        return None
+    own = task_of(load_scenario(design.scenario, design.arm or None))
+    for name in ("places", "spheres", "obstacle", "tolerance"):
+        if getattr(own, name) != getattr(design.task, name):
+            raise OptionError(
+                f"the {name} of this study's task are not those of {design.scenario}, which "
+                "simulated operators do; leave --operators out"
+            )
+    study = Study(design.scenario, operators, seed, (design.arm,), design.laws)
+    return perform(study, folder / SIMULATED, jobs=jobs, progress=progress)

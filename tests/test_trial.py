@@ -1,0 +1,252 @@
+"""A study with people: its design, its files, its task and its questions; no browser."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rcmqp.cli import main
+from rcmqp.errors import OptionError, RunFileError
+from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.trial.design import Design, orders
+from rcmqp.experiments.trial.people import Folder, checked_id
+from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
+from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
+from rcmqp.live.forms import after_page, before_page
+from rcmqp.live.goals import Goals
+from rcmqp.live.messages import Malformed, Said, parse
+from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.paths import Search
+from rcmqp.runs.loading import load_scenario
+
+NONE = dict.fromkeys(EXPERIENCE, 0)
+LAWS = (Law("hierarchical_qp"), Law("dual_quaternion"), Law("vfi_qp"))
+TASK = scenarios_task(load_scenario("camera_task", "panda"))
+
+
+def design(**changes: Any) -> Design:
+    return dataclasses.replace(Design("camera_task", "panda", LAWS, TASK), **changes)
+
+
+# The order of the conditions ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6])
+def test_each_condition_is_at_each_place_and_follows_each_other_equally_often(count: int) -> None:
+    rows = orders(count)
+    for place in zip(*rows, strict=True):
+        assert Counter(place) == dict.fromkeys(range(count), len(rows) // count)
+    follows = Counter(pair for row in rows for pair in itertools.pairwise(row))
+    assert len(follows) == count * (count - 1)
+    assert len(set(follows.values())) <= 1
+
+
+def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -> None:
+    folder, chosen = Folder(tmp_path), design()
+    rows = {0: [], 3: []}  # type: dict[int, list[int]]
+    for _ in range(6):
+        for games in rows:
+            person = folder.add(folder.next_id(), NONE | {"games": games}, chosen)
+            rows[games].append(person.row)
+    assert rows == {0: list(range(6)), 3: list(range(6))}
+
+
+# Participants ---------------------------------------------------------------------------------
+
+
+def test_experience_decides_the_group_and_novices_alone_practise(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    novice = folder.add("P01", NONE, design())
+    for name in EXPERIENCE:
+        assert folder.add("P02", NONE | {name: 1}, design()).group == "experienced"
+    assert (novice.group, novice.practised) == ("novice", False)
+    assert folder.person("P02") is not None
+    assert folder.add("P03", NONE, design(practice=0.0)).practised
+    assert folder.person("P01") == novice
+
+
+@pytest.mark.parametrize("name", ["Ada", "P1 ", "../P1", "p01", "", "P", "P1234567", "ABCD1"])
+def test_a_name_is_no_identifier(name: str) -> None:
+    with pytest.raises(OptionError, match="three capital letters"):
+        checked_id(name)
+
+
+def test_delete_removes_all_of_a_participant_and_nothing_else(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    for name in ("P01", "P011", "P02"):
+        folder.add(name, NONE, design())
+        folder.keep_notes(name, 1, {"answers": None})
+        folder.run_file(name, 1).write_bytes(b"run")
+    (tmp_path / "figures").mkdir()
+    summed_up = ["figures/P01-1_fig6_errors.png", "figures/groups_1.png", "answers.csv"]
+    for name in (*summed_up, "figures/P011-1_fig6_errors.png"):
+        (tmp_path / name).write_text("of all")
+    left = tmp_path / "trials" / ".P01-1.h5@host@1-2.part"
+    left.write_bytes(b"killed")
+    with pytest.raises(SystemExit, match="0"):
+        main(["trial", "--out", str(tmp_path), "--delete", "P01"])
+    assert folder.identifiers() == ["P011", "P02"]
+    names = sorted(file.name for file in (tmp_path / "trials").iterdir())
+    assert [file.name for file in (tmp_path / "figures").iterdir()] == ["P011-1_fig6_errors.png"]
+    assert not (tmp_path / "answers.csv").exists()
+    assert names == ["P011-1.h5", "P011-1.json", "P02-1.h5", "P02-1.json"]
+    with pytest.raises(OptionError, match="no participant P01; it has P011, P02"):
+        folder.delete("P01")
+
+
+def test_the_next_identifier_is_never_one_of_somebody_before(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    for name in ("P01", "P02", "P09", "XY12"):
+        folder.add(name, NONE, design())
+    folder.delete("P02")
+    assert folder.next_id() == "P10"
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"identifier": "P01"}', '{"group": "nobody"}'])
+def test_a_damaged_file_of_a_participant_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    folder = Folder(tmp_path)
+    folder.add("P01", NONE, design())
+    (tmp_path / "people" / "P01.json").write_text(text)
+    with pytest.raises(RunFileError, match=r"P01\.json"):
+        folder.person("P01")
+
+
+# The design -----------------------------------------------------------------------------------
+
+
+def test_a_design_is_kept_and_another_one_in_its_folder_is_refused(tmp_path: Path) -> None:
+    chosen = design(consent="You may stop at any time.", practice=30.0)
+    chosen.keep(tmp_path)
+    assert Design.load(tmp_path) == chosen
+    chosen.keep(tmp_path)
+    with pytest.raises(OptionError, match="another practice"):
+        design(consent="You may stop at any time.").keep(tmp_path)
+
+
+def test_a_folder_without_a_study_is_refused_in_words(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="rcmqp trial camera_task --out"):
+        Design.load(tmp_path)
+    (tmp_path / "study.json").write_text("{}")
+    with pytest.raises(OptionError, match="is damaged"):
+        Design.load(tmp_path)
+
+
+@pytest.mark.parametrize("laws", [(), (Law(), Law())])
+def test_controllers_are_given_and_differ(laws: tuple[Law, ...]) -> None:
+    with pytest.raises(OptionError, match="each given once"):
+        design(laws=laws)
+
+
+# The task -------------------------------------------------------------------------------------
+
+
+def test_the_papers_task_is_that_of_the_simulated_operators() -> None:
+    task = CameraTask()
+    assert TASK.places == task.targets
+    assert TASK.spheres == task.spheres
+    assert TASK.obstacle == task.obstacle
+    assert TASK.tolerance == 1e-3
+    assert "within 1 mm" in TASK.instructions
+    made = with_task(load_scenario("camera_task", "panda"), TASK)
+    assert_allclose(
+        made.obstacles[0].centre,
+        load_scenario("camera_task", "panda").obstacles[0].centre,
+        rtol=0,
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("places = [[0, 0, 0.13]]", "has no spheres"),
+        ("size = 3", "it may have places, spheres"),
+        ("places = 3\nspheres = []", "places = 3, it must be a list"),
+        ("x = [", "cannot be read"),
+        ("places = [[0, 0, -0.1]]\nspheres = [{centre = [0, 0, 0.1], radius = 0.01}]", "inside"),
+        ("places = [[0, 0, 0.1]]\nspheres = [{centre = [0, 0, 0.1], radius = -1}]", "radius"),
+    ],
+)
+def test_a_task_file_with_a_mistake_is_refused_in_words(
+    tmp_path: Path, text: str, said: str
+) -> None:
+    file = tmp_path / "task.toml"
+    file.write_text(text)
+    with pytest.raises(OptionError, match=said) as error:
+        read_task(file)
+    assert str(file) in str(error.value)
+
+
+def test_a_place_that_the_trocar_does_not_allow_is_refused_before_anybody_comes() -> None:
+    base = load_scenario("camera_task", "panda")
+    for place in ((0.0, 0.0, 0.6), (0.2, 0.0, 0.05)):
+        with pytest.raises(OptionError, match="the trocar allows"):
+            with_task(base, dataclasses.replace(TASK, places=(place,)))
+
+
+def test_places_are_reached_one_after_the_other() -> None:
+    goals = Goals(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.2]]), 1e-3)
+    for t, z in enumerate([0.2, 0.0985, 0.0995, 0.1, 0.2005, 0.2]):
+        goals.see(float(t), np.array([0.0, 0.0, z]))
+    assert goals.reached == [2.0, 4.0]
+    assert goals.done
+    assert not Goals(np.zeros((0, 3)), 1.0).done
+
+
+def test_instructions_stay_text_on_a_page(tmp_path: Path) -> None:
+    assert "<script>alert" not in before_page("<script>alert(1)</script>")
+    assert "agree" in before_page("")
+    assert "task 2 of 3" in after_page(2, 3)
+
+
+# Answers --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"consent": False}, "consent"),
+        ({"games": 4}, "whole number 0 to 3"),
+        ({"games": True}, "whole number"),
+        ({"name": "Ada"}, "asked was"),
+    ],
+)
+def test_answers_before_that_are_not_allowed_are_refused(
+    changes: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(OptionError, match=said):
+        checked_before({**NONE, "consent": True, **changes})
+
+
+def test_answers_after_are_1_to_4_and_a_comment() -> None:
+    given = {"ease": 1, "followed": 4, "comment": " good "}
+    assert checked_after(given) == {"ease": 1, "followed": 4, "comment": "good"}
+    for wrong in ({"ease": 0}, {"followed": 5}, {"comment": 3}, {"comment": "x" * 501}):
+        with pytest.raises(OptionError, match=r"must be|comment"):
+            checked_after(given | wrong)
+
+
+def test_a_page_says_start_break_and_answers_and_nothing_else() -> None:
+    said = parse(json.dumps({"kind": "answers", "values": {"ease": 1, "comment": "x"}}))
+    assert said == Said("answers", {"ease": 1, "comment": "x"})
+    assert parse('{"kind": "start"}') == Said("start", {})
+    for text in ('{"kind": "start", "x": 1}', '{"kind": "answers", "values": [1]}'):
+        with pytest.raises(Malformed):
+            parse(text)
+    many = {str(i): 1 for i in range(11)}
+    with pytest.raises(Malformed):
+        parse(json.dumps({"kind": "answers", "values": many}))
+
+
+def test_a_search_shows_its_places_and_stays_where_it_is() -> None:
+    search = Search(TASK.places, TASK.spheres)
+    assert search.targets(0.1) == TASK.places
+    assert search.command(3.0, 0.1) == search.command(0.0, 0.1)

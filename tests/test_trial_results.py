@@ -1,0 +1,186 @@
+"""The tables of a study with people, from files that look like theirs."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import ttest_rel, wilcoxon
+
+from rcmqp.cli import main
+from rcmqp.errors import OptionError
+from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.trial.design import Design, orders
+from rcmqp.experiments.trial.people import Folder
+from rcmqp.experiments.trial.questions import EXPERIENCE
+from rcmqp.experiments.trial.results import read_results
+from rcmqp.experiments.trial.tables import holm, results_table, signed_rank
+from rcmqp.experiments.trial.task import scenarios_task
+from rcmqp.references.paths import Search, ViewMoves
+from rcmqp.runs.loading import load_scenario
+from rcmqp.runs.metrics import compute_metrics
+from rcmqp.runs.run import Run
+from rcmqp.runs.simulate import simulate
+
+SHORT = """
+import dataclasses
+from rcmqp import load_scenario
+def scenario(arm="panda", **options):
+    return dataclasses.replace(load_scenario("camera_task", arm, **options), duration=0.4)
+"""
+LAWS = (Law("dual_quaternion", 0.016), Law("hierarchical_qp", 0.016))
+VIEW = (0.1, 0.05, 0.0, 0.02)
+PEOPLE = 6
+
+
+def took(person: int, law: int) -> float:
+    """How long the move takes [s]: the second controller's is slower for all but one person."""
+    return 1.0 + 0.1 * person + (0.2 + 0.02 * person if person else -0.1) * law
+
+
+def a_run(design: Design, law: int, seconds: float) -> Run:
+    scenario = design.made(LAWS[law])
+    path = ViewMoves((VIEW,), move=seconds, dwell=0.1)
+    moved = dataclasses.replace(scenario, path=path, duration=seconds + 0.1)
+    run = simulate(moved, LAWS[law].controller(moved))
+    return dataclasses.replace(run, scenario=dataclasses.replace(scenario, duration=seconds + 0.1))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six people, three of them novices, two controllers; one has not ended the second task."""
+    path = tmp_path_factory.mktemp("study")
+    depth = load_scenario("camera_task", "panda").insertion().tip_depth
+    (place,) = ViewMoves((VIEW,)).targets(depth)
+    task = scenarios_task(load_scenario("camera_task", "panda"))
+    design = Design("camera_task", "panda", LAWS, dataclasses.replace(task, places=(place,)))
+    design.keep(path)
+    kept = Folder(path)
+    for i in range(PEOPLE + 1):
+        games = 0 if i % 2 else 2
+        person = kept.add(f"P{i:02d}", dict.fromkeys(EXPERIENCE, 0) | {"games": games}, design)
+        for number, law in enumerate(orders(2)[person.row], 1):
+            late = i == PEOPLE and number == 2
+            answers = {"ease": 1 + law, "followed": 4 - i % 2, "comment": "<b>|x|" * (i == 0)}
+            notes = {
+                "number": number,
+                "law": LAWS[law].to_json(),
+                "attempts": 1,
+                "finished": None if late else True,
+                "answers": answers,
+            }
+            kept.keep_notes(f"P{i:02d}", number, notes)
+            if not late:
+                a_run(design, law, took(i, law)).save(kept.run_file(f"P{i:02d}", number))
+    return path
+
+
+def test_the_numbers_of_people_are_those_of_their_runs(folder: Path) -> None:
+    results = read_results(folder)
+    assert len(results.ended) == 2 * PEOPLE + 1
+    assert results.remarks == [f"P{PEOPLE:02d} has not ended task 2; it does not count"]
+    for each in results.ended:
+        run = Run.load(folder / "trials" / f"{each.outcome.operator}-{each.number}.h5")
+        assert isinstance(run.scenario.path, Search)
+        assert each.outcome.finished
+        assert each.outcome.tip_max_mm == compute_metrics(run).tip_max_mm
+        assert each.outcome.rcm_max_mm == pytest.approx(1e3 * run.rcm_error.max(), abs=1e-12)
+        assert 0.5 < each.outcome.completion_s < run.time[-1]
+    assert {o.group for o in results.outcomes} == {"novice", "experienced"}
+
+
+def test_the_comparison_is_within_people_and_tested_on_people_alone(folder: Path) -> None:
+    results = read_results(folder)
+    text = results_table(results)
+    times = {(o.operator, o.controller): o.completion_s for o in results.outcomes}
+    pairs = np.array([[times[f"P{i:02d}", str(law)] for law in LAWS] for i in range(PEOPLE)])
+    (row,) = [x for x in text.splitlines() if x.startswith("| dual") and "completion" in x]
+    cells = [cell.strip() for cell in row.split("|")]
+    test = ttest_rel(pairs[:, 1], pairs[:, 0])
+    low, high = test.confidence_interval()
+    mean = (pairs[:, 1] - pairs[:, 0]).mean()
+    assert cells[4:6] == [str(PEOPLE), f"{mean:.3g} [{low:.3g}, {high:.3g}]"]
+    assert float(cells[7]) == pytest.approx(wilcoxon(*pairs.T).pvalue, rel=0.01)
+    assert float(cells[8]) >= float(cells[7])
+
+
+def test_answers_stand_by_controller_and_a_comment_stays_text(folder: Path) -> None:
+    text = results_table(read_results(folder))
+    (row,) = [x for x in text.splitlines() if "How easy" in x and "dual" in x]
+    assert "1.00 ± 0.00" in row
+    assert "very difficult 6, difficult 0" in row
+    assert "<b>|x|" not in text
+    assert r"\<b>\|x\|" in text
+
+
+def test_the_command_writes_tables_and_the_figures_of_each_task(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(folder)])
+    assert "## Comparisons of people" in capsys.readouterr().out
+    with (folder / "answers.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * PEOPLE + 1
+    assert rows[0]["ease"] in "12"
+    figures = {each.name for each in (folder / "figures").iterdir()}
+    assert {"fig4_views.png", "groups_1.png", "groups_2.png"} < figures
+    assert "P03-2_fig7_trajectory.png" in figures
+    assert len(figures) == 3 + 2 * (2 * PEOPLE + 1)
+
+
+def test_options_of_a_simulated_study_are_refused_with_people(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="1"):
+        main(["study", str(folder), "--gain", "3"])
+    assert "give no more than" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(OptionError, match="places of this study's task"):
+        read_results(folder, operators=1)
+
+
+def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Path) -> None:
+    scenario, path = tmp_path / "short.py", tmp_path / "study"
+    scenario.write_text(SHORT, encoding="utf-8")
+    task = scenarios_task(load_scenario(str(scenario), "panda"))
+    design = Design(str(scenario), "panda", LAWS[:1], task)
+    path.mkdir()
+    design.keep(path)
+    kept = Folder(path)
+    kept.add("P01", dict.fromkeys(EXPERIENCE, 0), design)
+    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "finished": False}
+    kept.keep_notes("P01", 1, notes | {"answers": None})
+    a_run(design, 0, 0.5).save(kept.run_file("P01", 1))
+    results = read_results(path, operators=2)
+    assert results.simulated is not None
+    assert [o.operator for o in results.simulated.outcomes] == [0, 1]
+    text = results_table(results)
+    assert "| dual_quaternion, 16 ms, people | dual_quaternion, 16 ms, model |" in text
+    assert "## Simulated operators: Franka Emika Panda, dual_quaternion, 16 ms" in text
+    assert "no p values on people who are drawn" in text
+    assert "## Comparisons of people" not in text
+
+
+def test_a_damaged_run_does_not_count_and_is_named(folder: Path, tmp_path: Path) -> None:
+    design = Design.load(folder)
+    design.keep(tmp_path)
+    kept = Folder(tmp_path)
+    kept.add("P01", dict.fromkeys(EXPERIENCE, 0), design)
+    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "finished": True}
+    kept.keep_notes("P01", 1, notes | {"answers": None})
+    kept.run_file("P01", 1).write_bytes(b"no run")
+    with pytest.raises(OptionError, match=r"task 1 of P01 does not count: .*P01-1\.h5"):
+        read_results(tmp_path)
+
+
+def test_p_values_are_corrected_for_their_number_and_few_people_have_none() -> None:
+    nan = math.nan
+    assert_allclose(holm([0.04, nan, 0.01, 0.03]), [0.06, nan, 0.03, 0.06], rtol=1e-12)
+    assert holm([]) == []
+    assert math.isnan(signed_rank(np.array([[0.0, 1.0]] * 4)))
+    assert signed_rank(np.zeros((6, 2))) == 1.0
