@@ -252,9 +252,12 @@ def test_a_missing_frame_is_answered_with_the_nearest_names(tmp_path: Path) -> N
         load_arm(path, "qqq")
 
 
-@pytest.mark.parametrize("name", ["none.urdf", "folder/none", "."])
-def test_a_missing_file_is_said_to_be_missing(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ArmError, match="no such file; give the path of a URDF or of an arm's"):
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [("none.urdf", "no such file"), ("folder/none", "no such file"), (".", "is a folder")],
+)
+def test_a_missing_file_is_said_to_be_missing(tmp_path: Path, name: str, what: str) -> None:
+    with pytest.raises(ArmError, match=f"{what}; give the path of a URDF or of an arm's"):
         load_arm(tmp_path / name, "hand")
 
 

@@ -89,13 +89,13 @@ def test_a_longer_run_takes_no_more_memory(tmp_path: Path) -> None:
     peaks = []
     for duration in ("10", "40"):
         done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, duration, tmp_path / "run.h5"],
+            [sys.executable, "-c", PROGRAM, duration, tmp_path / f"{duration}.h5"],
             capture_output=True,
             text=True,
             check=True,
         )
         peaks.append(1e-3 * float(done.stderr))
-    assert Run.load(tmp_path / "run.h5").time[-1] == 40.0
+    assert Run.load(tmp_path / "40.h5").time[-1] == 40.0
     assert peaks[1] < peaks[0] + 6.0
 
 

@@ -97,6 +97,7 @@ def _say_interrupted(given: Sequence[str]) -> None:
     goes_on = tuple(given[:1]) in (("study",), ("compare",))
     more = "; the same command goes on from here" if goes_on else ""
     err.print(f"interrupted{more}", highlight=False)
+    warnings.filterwarnings("ignore", "coroutine .* was never awaited")  # as the process ends
 
 
 def _say_and_end(error: Exception, said: str) -> NoReturn:

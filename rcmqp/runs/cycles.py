@@ -69,8 +69,9 @@ class Cycles:
         self._scenario, self._controller, self._versions = scenario, controller, dict(versions)
         if (carried := CarriedArm.of(arm)) is not None:
             self._scenario = dataclasses.replace(scenario.portable(), carried_arm=carried)
-        angles = tuple(controller.insertion.angles_start)  # a wrist's, too
-        self._scenario = dataclasses.replace(self._scenario, angles_start=angles)
+        given = self._scenario.angles_start
+        wrist = tuple(controller.insertion.angles_start[len(given) :])  # where it leaves them out
+        self._scenario = dataclasses.replace(self._scenario, angles_start=given + wrist)
         self._derived = Derived(scenario, controller.insertion)
         sizes = {"n": 1, "nq": arm.nq, "nv": arm.nv}
         self.shapes = {name: CHANNELS[name].sizes(**sizes)[1:] for name in ROW if name != "J"}
