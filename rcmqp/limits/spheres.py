@@ -1,13 +1,16 @@
-"""What limits with a sphere have in common."""
+"""Spheres that the instrument stays out of, stays in, or passes through."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.limits.base import CompiledLimit, Damper
 from rcmqp.tasks.base import check_finite, check_positive
+from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument, Vector3, vector3
 
 PARTS = ("tip", "shaft")
@@ -100,3 +103,116 @@ def check_part(part: str) -> None:
     """
     if part not in PARTS:
         raise UnknownName("part of the instrument", part, PARTS)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KeepOut(SphereLimit):
+    """Keep the tip, or the whole shaft, out of a sphere.
+
+    delta >= radius + instrument.radius for the tip or for the nearest point of the shaft. With
+    the centre right on the axis every direction is a way out, and the effector's x is taken.
+
+    Attributes:
+        part: ``"shaft"``, from mount to tip, or ``"tip"``.
+    """
+
+    name: ClassVar[str] = "keep_out"
+
+    part: str = "shaft"
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        check_part(self.part)
+        _ = self.block  # made now: what was given may be written to later
+
+    @classmethod
+    def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
+        """One limit for each obstacle of an insertion, for tip and shaft."""
+        return tuple(
+            cls(
+                centre=sphere.centre,
+                radius=sphere.radius,
+                instrument=insertion.instrument,
+                tip_depth=insertion.tip_depth,
+                label=f"obstacle {i}",
+                **options,
+            )
+            for i, sphere in enumerate(insertion.obstacles, start=1)
+        )
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [m/s]."""
+        first = self.mount_depth if self.part == "shaft" else self.tip_depth
+        return self.ball("keep_out", self.radius + self.instrument.radius, first)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the one row."""
+        return (f"{self.label}, {self.part} out",)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KeepIn(SphereLimit):
+    """Keep the tip, or the whole shaft, in a sphere.
+
+    delta <= radius - instrument.radius for the tip, or for both ends of the shaft: the farthest
+    point of a segment is an end.
+
+    Attributes:
+        part: ``"tip"``, or ``"shaft"``, from mount to tip.
+    """
+
+    name: ClassVar[str] = "keep_in"
+
+    part: str = "tip"
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        check_part(self.part)
+        self.check_room()
+        _ = self.block  # made now: what was given may be written to later
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [m/s] for the tip, a second one for the mount."""
+        first = self.mount_depth if self.part == "shaft" else self.tip_depth
+        return self.ball("keep_in", self.room, first)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the tip, and of the mount."""
+        ends = ("tip", "mount") if self.part == "shaft" else ("tip",)
+        return tuple(f"{self.label}, {end} in" for end in ends)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EntrySphere(SphereLimit):
+    """Make the shaft pass through a sphere: the trocar as a tube, not as a point.
+
+    delta <= radius - instrument.radius for the nearest point of the shaft. The entry sphere of
+    Marinho et al. 2019.
+
+    Departures: the paper damps the squared distance of the shaft's whole line, without the
+    shaft's radius; here it is the distance itself of the segment from mount to tip.
+    """
+
+    name: ClassVar[str] = "entry_sphere"
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        self.check_room()
+        _ = self.block  # made now: what was given may be written to later
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [m/s]."""
+        return self.ball("entry_sphere", self.room, self.mount_depth)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the one row."""
+        return (f"{self.label}, shaft through",)

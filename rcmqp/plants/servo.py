@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import at_least, options, or_none, whole
-from rcmqp.plants.base import Drive
+from rcmqp.plants.kinematic import Drive
 from rcmqp.world.arm import Arm
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
-from rcmqp.references.paths.tip_trace import TipTrace
+from rcmqp.references.paths.traces import TipTrace
 from rcmqp.references.recorded import Recorded
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.motions import Sampled

@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from rcmqp.maths.options import from_to, options, positive
-from rcmqp.references.hand.state import DeviceState
+from rcmqp.references.hand import DeviceState
 from rcmqp.world.instrument import Vector3
 
 DAMPING_LIMIT = 40.0
