@@ -33,9 +33,15 @@ from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.experiments.study import record as study_record
-from rcmqp.experiments.study.identity import identity
 from rcmqp.experiments.study.outcome import outcome_of
-from rcmqp.experiments.study.perform import RUNS, Performed, perform, run_trial, trial_file
+from rcmqp.experiments.study.perform import (
+    RUNS,
+    Performed,
+    identity,
+    perform,
+    run_trial,
+    trial_file,
+)
 from rcmqp.experiments.study.plan import Law, Study
 from rcmqp.experiments.study.record import Record
 from rcmqp.experiments.study.report import write_figures, write_tables

@@ -19,9 +19,9 @@ from rich.markup import escape
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.measures import readable
 from rcmqp.runs.metrics import ROUNDING, Metrics, compute_metrics
-from rcmqp.runs.printable import one_line, printable
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
+from rcmqp.runs.untrusted import one_line, printable
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show.labels import given_cells, given_words, joint_units, unit_of
 from rcmqp.show.table import Table

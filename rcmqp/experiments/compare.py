@@ -15,8 +15,7 @@ from typing import Any
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, PluginError, RunFileError
-from rcmqp.experiments.batch import batch, check_jobs
-from rcmqp.experiments.kept import date, kept_run
+from rcmqp.experiments.batch import batch, check_jobs, date, kept_run
 from rcmqp.files import check_writable, make_folder, unlike, whole
 from rcmqp.runs.loading import changed, load_scenario, own_arm
 from rcmqp.runs.run import Run

@@ -29,10 +29,9 @@ from rcmqp.realtime.checks import (
     check_speed,
     check_stamp,
 )
-from rcmqp.realtime.deadlines import Deadlines, Ticks
+from rcmqp.realtime.latency import Deadlines, Ticks
 from rcmqp.realtime.priority import time_waited
-from rcmqp.realtime.recording import Asked, Notes, Recording
-from rcmqp.realtime.report import LoopReport, Stop
+from rcmqp.realtime.report import Asked, LoopReport, Notes, Recording, Stop
 from rcmqp.realtime.signals import KeptSignals
 from rcmqp.realtime.watchdog import LoopHung, Watchdog
 from rcmqp.references.view import Stamped

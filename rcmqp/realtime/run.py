@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterator
 from rcmqp.controllers.base import Controller
 from rcmqp.maths.options import allowed, from_to
 from rcmqp.realtime.checks import Halting, LoopFault, Robot, Watching
-from rcmqp.realtime.deadlines import Deadlines
+from rcmqp.realtime.latency import Deadlines
 from rcmqp.realtime.loop import HOLD, WARM_UP, RealtimeLoop
-from rcmqp.realtime.recording import Recording
-from rcmqp.realtime.report import LoopReport
+from rcmqp.realtime.report import LoopReport, Recording
 from rcmqp.realtime.watchdog import LoopHung
 from rcmqp.references.view import Stamped
 

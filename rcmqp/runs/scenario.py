@@ -35,7 +35,7 @@ from rcmqp.references.operators import STEERED, Steered
 from rcmqp.references.paths import PATHS, Foreign, Path, views_of
 from rcmqp.references.planner import Planner
 from rcmqp.references.view import Reference, carried, view_pose
-from rcmqp.runs.printable import shortened
+from rcmqp.runs.untrusted import shortened
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.carried import CarriedArm, own_name

@@ -20,8 +20,7 @@ from rcmqp.files import whole
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.run import Run
-from rcmqp.show.labels import run_labels, run_marks
-from rcmqp.show.palette import colour, dash
+from rcmqp.show.labels import colour, dash, run_labels, run_marks
 from rcmqp.world.loading import arm_title
 
 FLOOR_MM = 1e-13

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm
-from rcmqp.world.collisions import Collisions
+from rcmqp.world.geometry import Collisions
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument
 

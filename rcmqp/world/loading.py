@@ -27,7 +27,7 @@ from rcmqp.errors import (
 )
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm, ModelSource, find_frame
-from rcmqp.world.arm_file import LIMITS, ArmFile, read_arm_file
+from rcmqp.world.arm_file import LIMITS, ArmFile, entry_of, read_arm_file
 from rcmqp.world.arm_limits import (
     Given,
     GivenPosition,
@@ -37,7 +37,6 @@ from rcmqp.world.arm_limits import (
     per_joint_position,
 )
 from rcmqp.world.home import home_of
-from rcmqp.world.inherited import entry_of
 from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.questions import file_questions, home_question, questions

@@ -8,7 +8,7 @@ import warnings
 from dataclasses import dataclass
 
 from rcmqp.errors import ArmWarning, OptionError
-from rcmqp.world.collisions import Collisions
+from rcmqp.world.geometry import Collisions
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Vector3, vector3
 from rcmqp.world.start import find_start

@@ -20,8 +20,7 @@ from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators import GROUPS, camera_trial
 from rcmqp.references.view import view_pose
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import given_words
-from rcmqp.show.palette import SPHERES
+from rcmqp.show.labels import SPHERES, given_words
 from rcmqp.world.camera import Pinhole, camera_pose
 from rcmqp.world.obstacles import Sphere
 

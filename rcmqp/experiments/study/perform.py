@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import inspect
 import json
 import os
+import uuid
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +17,7 @@ import numpy as np
 
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
-from rcmqp.experiments.batch import Progress, batch, check_jobs
-from rcmqp.experiments.study.identity import identity
+from rcmqp.experiments.batch import Progress, batch, check_jobs, classes_outside
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
 from rcmqp.experiments.study.record import SUFFIX, Record
@@ -25,6 +27,32 @@ from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate, versions
 from rcmqp.world.carried import CarriedArm
+from rcmqp.world.plugins import distributions_of
+
+
+def identity(controller: Controller, scenario: Scenario) -> str:
+    """SHA-256 over the URDF, the options as they are, and all code that is not rcmqp's own.
+
+    Of controller, path, motion and plant that are not rcmqp's the code is known by the files that
+    hold their classes, and a plug-in's by the version of its distribution too; rcmqp itself is
+    known by its version. After a change of another file that they import, give the study another
+    folder. A class that is in no file, such as one of a notebook, is never the same.
+    """
+    sha = hashlib.sha256(controller.insertion.arm.sha256.encode())
+    sha.update(json.dumps(controller.options, sort_keys=True, default=str).encode())
+    for kind in classes_outside(controller, scenario):
+        sha.update(" ".join(distributions_of(kind)).encode())
+        sha.update(_file_of(kind))
+    return sha.hexdigest()
+
+
+def _file_of(kind: type) -> bytes:
+    """The content of the file that holds a class; new random bytes if it is in no file."""
+    try:
+        return Path(inspect.getfile(kind)).read_bytes()
+    except (OSError, TypeError):
+        return uuid.uuid4().bytes
+
 
 RUNS = "runs"
 """Folder of the trials' files, in the study's."""

@@ -11,7 +11,7 @@ import numpy as np
 from rcmqp.errors import OptionError
 from rcmqp.maths.smooth import step
 from rcmqp.references.operators.omega7 import Omega7
-from rcmqp.references.operators.operator import Operator
+from rcmqp.references.operators.population import Operator
 from rcmqp.world.instrument import Vector3
 
 PEAK = 1.875

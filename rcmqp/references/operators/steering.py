@@ -13,8 +13,8 @@ from rcmqp.references.operators.camera_task import CameraTask, clearance
 from rcmqp.references.operators.hand import Hand, Submovement, duration
 from rcmqp.references.operators.learning import Learning
 from rcmqp.references.operators.omega7 import Encoder, Omega7
-from rcmqp.references.operators.operator import Operator
 from rcmqp.references.operators.perception import Eyes
+from rcmqp.references.operators.population import Operator
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Vector3

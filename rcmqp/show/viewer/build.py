@@ -20,8 +20,7 @@ from rcmqp.errors import RcmqpError, ViewError
 from rcmqp.files import check_ending, check_writable, whole
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import run_labels, versions_text
-from rcmqp.show.palette import colour, dash
+from rcmqp.show.labels import colour, dash, run_labels, versions_text
 from rcmqp.show.table import definitions_html
 from rcmqp.show.tables import metrics_meanings, metrics_table
 from rcmqp.show.viewer.bundle import Bundle, bundled, compressed

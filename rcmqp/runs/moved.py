@@ -1,15 +1,20 @@
-"""A scenario moved to a port of one's own, or with an instrument of one's own."""
+"""A scenario at another port, with another instrument, or along a recording."""
 
 from __future__ import annotations
 
 import dataclasses
 from typing import Any
 
+import numpy as np
+
+from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
+from rcmqp.references.paths.traces import TipTrace
+from rcmqp.references.recorded import Recorded
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument, vector3
-from rcmqp.world.motions import Breathing, Sinusoid
+from rcmqp.world.motions import Breathing, Sampled, Sinusoid
 from rcmqp.world.port import Port
 
 
@@ -68,3 +73,29 @@ def _moved(scenario: Scenario, before: Insertion, after: Insertion) -> Scenario:
         obstacles=tuple(moved),
         **changes,
     )
+
+
+def along(scenario: Scenario, recording: Recorded) -> Scenario:
+    """The scenario with its tip on the way of a recording, to the recording's end.
+
+    Raises:
+        RcmqpError: the arm cannot be loaded.
+    """
+    positions = np.array(recording.positions)
+    if recording.world:
+        positions = dq.rotate(dq.quaternion_conj(dq.P(scenario.insertion().x_rcm)), positions)
+    path = TipTrace(recording.times, tuple(map(tuple, positions.tolist())))
+    return dataclasses.replace(scenario, path=path, duration=path.duration)
+
+
+def moved(scenario: Scenario, recording: Recorded) -> Scenario:
+    """The scenario with its trocar moving as a recording says.
+
+    Raises:
+        OptionError: the recording is not in the world's axes.
+    """
+    if not recording.world:
+        raise OptionError(
+            "a trocar's motion is in the world's axes: name its columns world x, world y, world z"
+        )
+    return dataclasses.replace(scenario, motion=Sampled(recording.times, recording.positions))
