@@ -181,7 +181,7 @@ def _print(
     files: Sequence[Path],
     as_json: bool,
 ) -> None:
-    from rcmqp.experiments.study.record import plain
+    from rcmqp.experiments.study.trial_file import plain
 
     for note in notes:
         console.print_note(note)
@@ -199,7 +199,7 @@ def _print(
 def _remake(trial: Path, folder: Path) -> None:
     """Simulate a trial again and keep its run."""
     from rcmqp.experiments.study.perform import remake
-    from rcmqp.experiments.study.record import Record
+    from rcmqp.experiments.study.trial_file import TrialFile
     from rcmqp.files import check_writable, make_folder
 
     file = make_folder(folder) / trial.name
@@ -208,7 +208,7 @@ def _remake(trial: Path, folder: Path) -> None:
     check_writable(file)
     run = remake(trial)
     run.save(file)
-    if run.digest != Record.load(trial).outcome.digest:
+    if run.digest != TrialFile.load(trial).outcome.digest:
         console.err.print(
             "note: its digest is not the trial's: other versions, another controller of that name "
             "or another URDF ran that",

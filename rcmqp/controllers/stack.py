@@ -20,10 +20,10 @@ from rcmqp.world.arm import Arm, ArmState
 
 LevelOfTasks: TypeAlias = Task | Together
 
-Given: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array, ...]]]
+Evaluated: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array, ...]]]
 """What is written in Python gives in a cycle, and the same as compiled code takes it."""
 
-NOTHING: Given = ([], [], [])
+NOTHING: Evaluated = ([], [], [])
 
 
 class Stack:
@@ -159,7 +159,7 @@ class Stack:
         ]
         return levels, Bounds(lower, upper, C, d, self._all_names(constraints))
 
-    def _rows(self, state: ArmState, reference: Reference) -> Given:
+    def _rows(self, state: ArmState, reference: Reference) -> Evaluated:
         """What the tasks and the limits that are written in Python give."""
         residuals = [task.residual(state, reference) for task in self._tasks]
         constraints = [limit.constraint(state, reference) for limit in self._given]

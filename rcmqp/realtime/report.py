@@ -18,7 +18,7 @@ from rcmqp.show.table import Table
 from rcmqp.world.arm import Arm
 
 
-class Recording(Protocol):
+class CycleRecorder(Protocol):
     """Keeps a loop's cycles; rcmqp.runs.loop_record has one that writes a run's file."""
 
     def start(self) -> None:
@@ -86,7 +86,7 @@ class Notes:
         reading: q (nq,) and v (nv,) of a cycle of the safe stop; None if it could not read.
     """
 
-    def __init__(self, record: Recording | None, arm: Arm) -> None:
+    def __init__(self, record: CycleRecorder | None, arm: Arm) -> None:
         """Give it to ``record``, or to nobody."""
         self.asked: Asked | None = None
         self.reading: tuple[Array, Array] | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs.head import Rows
+from rcmqp.runs.head import Column
 
 
 def sparc(speed: Array, period: float, *, cutoff: float = 10.0, threshold: float = 0.05) -> float:
@@ -106,7 +106,7 @@ class Standstill:
         return max(self.reference, self.trocar)
 
 
-def standstill(x_d: Rows, pivot: Rows) -> Standstill:
+def standstill(x_d: Column, pivot: Column) -> Standstill:
     """Find when a run's reference and trocar stop, from the end backwards.
 
     Args:
@@ -128,7 +128,7 @@ def standstill(x_d: Rows, pivot: Rows) -> Standstill:
     return Standstill(n, reference, trocar)
 
 
-def turns(v: Array, limit: Array) -> Array:
+def reversals(v: Array, limit: Array) -> Array:
     """Whether each joint turns round from a row to the next, (n - 1, nv).
 
     It does where v_k v_(k-1) < 0 and both are above TURNING times the speed limit.
@@ -145,7 +145,7 @@ def streaks(turned: Array, before: Array) -> Array:
     """How often in a row each joint has turned round, counted at each row (m, nv).
 
     Args:
-        turned: (m, nv) whether it turns round, see turns().
+        turned: (m, nv) whether it turns round, see reversals().
         before: (nv,) how often in a row it has, before the first of these rows.
     """
     count = np.arange(1, len(turned) + 1)[:, None]
@@ -175,7 +175,7 @@ class Behaviour:
     With k_r the row ``stop.reference``, k_s the row ``stop.both``, T the period:
 
     - ``reversals_in_a_row`` is the most rows in a row in which the same joint turns round, see
-      turns(); ``reversals`` are the rows in which any joint does.
+      reversals(); ``reversals`` are the rows in which any joint does.
     - ``step_ratio_max`` is the largest |v_k - v_(k-1)| / limit; before the run v is 0.
     - ``swing_ratio_end`` is the largest (max v - min v) / limit of a joint over the last second,
       or over the rows from k_s on if they are fewer.
@@ -253,7 +253,7 @@ class Behaviour:
         if not self._v.size:
             self._v, self._streak = np.zeros_like(v[0]), np.zeros(v.shape[1], dtype=int)
         chain = np.concatenate([self._v[None], v])
-        turned = turns(chain, limit)
+        turned = reversals(chain, limit)
         counts = streaks(turned, self._streak)
         self._reversals += int(turned.any(axis=1).sum())
         self._in_a_row = max(self._in_a_row, int(counts.max()))

@@ -193,7 +193,7 @@ class Limited:
         """Put together the arm's own limits, those given by hand, and what is assumed of others.
 
         Args:
-            own: (nv,) lower, upper and velocity; acceleration and jerk as Given, or None;
+            own: (nv,) lower, upper and velocity; acceleration and jerk as LimitValues, or None;
                 speed_near_limits.
             by_hand: limits by their name in ArmLimits.
             continuous: (nv,) which joints turn without end.

@@ -20,7 +20,7 @@ from rcmqp.errors import OptionError, RcmqpError, RunFileError
 from rcmqp.experiments.batch import Progress, batch, check_jobs, classes_outside
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
-from rcmqp.experiments.study.record import SUFFIX, Record
+from rcmqp.experiments.study.trial_file import SUFFIX, TrialFile
 from rcmqp.files import check_writable, make_folder, sweep
 from rcmqp.references.operators import camera_trial
 from rcmqp.runs.run import Run
@@ -74,9 +74,9 @@ class Performed:
     outcomes: Sequence[Outcome]
     notes: Sequence[str] = field(default=())
 
-    def record(self, index: int) -> Record:
+    def record(self, index: int) -> TrialFile:
         """What is kept of the trial with that index."""
-        return Record.load(trial_file(self.folder, self.study.trials()[index]))
+        return TrialFile.load(trial_file(self.folder, self.study.trials()[index]))
 
 
 def trial_file(folder: Path, trial: Trial) -> Path:
@@ -180,7 +180,7 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller], made_of: str) 
         outcome, traces = failed_outcome(trial, scenario, str(error)), {}
     carried = CarriedArm.of(controller.insertion.arm)
     said = dataclasses.replace(scenario.portable(), carried_arm=carried).to_json(carry=True)
-    record = Record(outcome, said, trial.law.to_json(), made_of, traces)
+    record = TrialFile(outcome, said, trial.law.to_json(), made_of, traces)
     record.save(trial_file(folder, trial))
 
 
@@ -194,7 +194,7 @@ def remake(file: str | os.PathLike[str]) -> Run:
         RunFileError: the file is missing, damaged or no trial's.
         RcmqpError: arm or controller cannot be made here.
     """
-    record = Record.load(Path(file))
+    record = TrialFile.load(Path(file))
     scenario = Scenario.from_json(record.scenario)
     return simulate(scenario, Law.from_json(record.law).controller(scenario))
 
@@ -250,7 +250,7 @@ def _missing(trial: Trial, folder: Path, made_of: str) -> str | None:
     if not file.exists():
         return ""
     try:
-        record = Record.load(file)
+        record = TrialFile.load(file)
     except RunFileError as error:
         return str(error)
     _check_whose(trial, record, file)
@@ -266,12 +266,12 @@ def _kept(trial: Trial, folder: Path) -> tuple[Outcome, Mapping[str, str]]:
         RunFileError: the file is damaged, or another trial's.
     """
     file = trial_file(folder, trial)
-    record = Record.load(file)
+    record = TrialFile.load(file)
     _check_whose(trial, record, file)
     return record.outcome, record.versions
 
 
-def _check_whose(trial: Trial, record: Record, file: Path) -> None:
+def _check_whose(trial: Trial, record: TrialFile, file: Path) -> None:
     said = json.loads(record.scenario)
     said.pop("carried_arm", None)  # the arm's sum is in made_of
     if (said, record.law) != (

@@ -11,7 +11,7 @@ import numpy as np
 
 from rcmqp.maths.dualquaternion import Array
 
-Rows = np.ndarray[Any, np.dtype[np.integer[Any]]]
+Indices = np.ndarray[Any, np.dtype[np.integer[Any]]]
 
 EDGE = math.radians(35.0)
 """Facets that meet at a larger angle meet at an edge [rad]."""
@@ -35,7 +35,7 @@ class Surface:
 
     points: Array
     normals: Array
-    faces: Rows
+    faces: Indices
 
 
 def smooth(corners: Array) -> Surface:
@@ -59,7 +59,7 @@ def smooth(corners: Array) -> Surface:
     return Surface(shared * GRAIN, found * NORMAL_GRAIN, rows.reshape(-1, 3))
 
 
-def _around(at: Rows, areas: Array) -> Array:
+def _around(at: Indices, areas: Array) -> Array:
     """For each corner, the sum of the areas (k, 3) of all corners at its point, but across edges.
 
     Args:
@@ -80,7 +80,7 @@ def _around(at: Rows, areas: Array) -> Array:
     return found
 
 
-def _merged(rows: Array) -> tuple[Array, Rows]:
+def _merged(rows: Array) -> tuple[Array, Indices]:
     """Rows rounded to whole numbers, each kept once, and which of those each row became."""
     rounded = np.round(rows)
     order = np.lexsort(rounded.T)
