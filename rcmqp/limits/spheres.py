@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 from rcmqp._kernel import Block
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import OptionError
 from rcmqp.limits.base import CompiledLimit, Damper
-from rcmqp.tasks.base import check_finite, check_positive
+from rcmqp.maths.options import finite, one_of, positive, rule
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument, Vector3, vector3
 
 PARTS = ("tip", "shaft")
+PART = one_of("part of the instrument", PARTS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,21 +44,13 @@ class SphereLimit(CompiledLimit, Damper):
         OptionError: a value is not allowed.
     """
 
-    centre: Vector3
-    radius: float
+    centre: Vector3 = field(metadata=rule(vector3))
+    radius: float = field(metadata=positive("m"))
     instrument: Instrument
-    tip_depth: float
-    velocity: Vector3 = (0.0, 0.0, 0.0)
+    tip_depth: float = field(metadata=finite("m"))
+    velocity: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(vector3))
     on_trocar: bool = False
     label: str = "sphere"
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_positive("radius", self.radius, "m")
-        check_finite("tip_depth", self.tip_depth, "m")
-        for name in ("centre", "velocity"):
-            vector3(name, getattr(self, name))
 
     @property
     def mount_depth(self) -> float:
@@ -79,30 +72,18 @@ class SphereLimit(CompiledLimit, Damper):
 
     @property
     def room(self) -> float:
-        """How far the axis may be from the centre to stay inside [m]."""
-        return self.radius - self.instrument.radius
-
-    def check_room(self) -> None:
-        """Check that the shaft fits in.
+        """How far the axis may be from the centre to stay inside [m].
 
         Raises:
-            OptionError: the sphere is too small for it.
+            OptionError: the sphere is too small for the shaft.
         """
-        if not self.room > 0.0:
+        room = self.radius - self.instrument.radius
+        if not room > 0.0:
             raise OptionError(
                 f"radius = {self.radius} m leaves no room for a shaft of radius "
                 f"{self.instrument.radius} m; make the sphere larger"
             )
-
-
-def check_part(part: str) -> None:
-    """Check which part of the instrument a limit is for.
-
-    Raises:
-        UnknownName: it is none of PARTS.
-    """
-    if part not in PARTS:
-        raise UnknownName("part of the instrument", part, PARTS)
+        return room
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,13 +99,7 @@ class KeepOut(SphereLimit):
 
     name: ClassVar[str] = "keep_out"
 
-    part: str = "shaft"
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_part(self.part)
-        _ = self.block  # made now: what was given may be written to later
+    part: str = field(default="shaft", metadata=PART)
 
     @classmethod
     def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
@@ -166,14 +141,7 @@ class KeepIn(SphereLimit):
 
     name: ClassVar[str] = "keep_in"
 
-    part: str = "tip"
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_part(self.part)
-        self.check_room()
-        _ = self.block  # made now: what was given may be written to later
+    part: str = field(default="tip", metadata=PART)
 
     @functools.cached_property
     def block(self) -> Block:
@@ -200,12 +168,6 @@ class EntrySphere(SphereLimit):
     """
 
     name: ClassVar[str] = "entry_sphere"
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        self.check_room()
-        _ = self.block  # made now: what was given may be written to later
 
     @functools.cached_property
     def block(self) -> Block:

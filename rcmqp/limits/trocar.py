@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp._kernel import Block
 from rcmqp.limits.base import CompiledLimit, Damper
-from rcmqp.tasks.base import check_finite
+from rcmqp.maths.options import finite
 from rcmqp.world.instrument import Trocar
 
 
@@ -65,12 +65,7 @@ class TrocarDepth(CompiledLimit, Damper):
     name: ClassVar[str] = "trocar_depth"
 
     trocar: Trocar
-    tip_depth: float
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_finite("tip_depth", self.tip_depth, "m")
+    tip_depth: float = field(metadata=finite("m"))
 
     @functools.cached_property
     def block(self) -> Block:

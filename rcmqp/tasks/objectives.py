@@ -17,8 +17,9 @@ import numpy as np
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import finite, positive
 from rcmqp.references.view import Reference
-from rcmqp.tasks.base import CompiledTask, Residual, block_of, check_finite, check_positive
+from rcmqp.tasks.base import CompiledTask, Residual, block_of
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -182,8 +183,8 @@ class ObjectiveTask(CompiledTask):
     damping: float | None = field(default=0.0, kw_only=True)
 
     objective: Objective
-    c_d: float = 1.0
-    K_c: float = 7.0
+    c_d: float = field(default=1.0, metadata=finite())
+    K_c: float = field(default=7.0, metadata=positive())
     gain: float = field(default=60.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -194,8 +195,6 @@ class ObjectiveTask(CompiledTask):
                 f"objective = {self.objective!r}; it must be an Objective, as made by "
                 "make_objective(name, arm)"
             )
-        check_finite("c_d", self.c_d)
-        check_positive("K_c", self.K_c)
 
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
-from rcmqp.tasks.base import CompiledTask, check_finite
+from rcmqp.maths.options import finite, rule
+from rcmqp.tasks.base import CompiledTask
 from rcmqp.world.insertion import Insertion
 
 
@@ -35,12 +36,7 @@ class TipTask(CompiledTask):
     name: ClassVar[str] = "tip"
     unit: ClassVar[str] = "m"
 
-    tip_depth: float
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_finite("tip_depth", self.tip_depth, "m")
+    tip_depth: float = field(metadata=finite("m"))
 
     @functools.cached_property
     def block(self) -> Block:
@@ -119,6 +115,13 @@ UNIT = 1e-6
 """How far the orientation may be from a unit quaternion."""
 
 
+def _unit_quaternion(name: str, value: ArrayLike) -> ArrayLike:
+    r = np.array(value, dtype=float)
+    if r.shape != (4,) or not abs(float(np.linalg.norm(r)) - 1.0) <= UNIT:
+        raise OptionError(f"{name} = {value!r}, it must be a unit quaternion, w first")
+    return value
+
+
 @dataclass(frozen=True, eq=False)
 class OrientationTask(CompiledTask):
     """Hold the tool's orientation in the world, whatever the shaft does.
@@ -141,17 +144,7 @@ class OrientationTask(CompiledTask):
     name: ClassVar[str] = "orientation"
     unit: ClassVar[str] = "rad"
 
-    orientation: ArrayLike
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        r = np.array(self.orientation, dtype=float)
-        if r.shape != (4,) or not abs(float(np.linalg.norm(r)) - 1.0) <= UNIT:
-            raise OptionError(
-                f"orientation = {self.orientation!r}; it must be a unit quaternion, w first"
-            )
-        _ = self.block  # made now: the array that was given may be written to later
+    orientation: ArrayLike = field(metadata=rule(_unit_quaternion))
 
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:

@@ -42,7 +42,6 @@ class PostureTask(CompiledTask):
 
     def __post_init__(self) -> None:
         """Check the posture and copy it into the block."""
-        super().__post_init__()
         posture, continuous = np.array(self.posture, dtype=float), np.array(self.continuous)
         if posture.ndim != 1 or not posture.size or not np.isfinite(posture).all():
             raise OptionError(f"posture = {posture}; it must be one finite number a joint")
@@ -51,7 +50,7 @@ class PostureTask(CompiledTask):
                 f"continuous has shape {continuous.shape}, posture {posture.shape}; give one "
                 "truth value a joint"
             )
-        _ = self.block  # made now: the arrays that were given may be written to later
+        super().__post_init__()
 
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
