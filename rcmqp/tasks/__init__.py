@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from rcmqp.tasks.base import Residual, Task, Together, check_name
-from rcmqp.tasks.objectives import ObjectiveTask
+from rcmqp.tasks.objectives import ObjectiveTask, PostureTask
 from rcmqp.tasks.placement import (
     DepthTask,
     DirectionTask,
@@ -18,7 +18,6 @@ from rcmqp.tasks.placement import (
     RollTask,
     TipTask,
 )
-from rcmqp.tasks.posture import PostureTask
 from rcmqp.tasks.rcm import RcmTask
 from rcmqp.world.insertion import Insertion
 

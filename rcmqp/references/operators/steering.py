@@ -10,9 +10,8 @@ import numpy as np
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping, HandView
 from rcmqp.references.operators.camera_task import CameraTask, clearance
-from rcmqp.references.operators.hand import Hand, Submovement, duration
+from rcmqp.references.operators.hand import Encoder, Hand, Omega7, Submovement, duration
 from rcmqp.references.operators.learning import Learning
-from rcmqp.references.operators.omega7 import Encoder, Omega7
 from rcmqp.references.operators.perception import Eyes
 from rcmqp.references.operators.population import Operator
 from rcmqp.references.view import ViewCommand
