@@ -69,7 +69,6 @@ class TaskReconstruction:
     escape: float = field(default=0.0, metadata=at_least(0.0, "m/s"))
 
     def __post_init__(self) -> None:
-        """Check that it begins before it is complete."""
         if not self.m_2 < self.m_1:
             raise refused("m_2", self.m_2, f"below m_1 = {self.m_1}")
 

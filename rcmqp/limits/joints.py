@@ -108,7 +108,6 @@ class JointLimits(CompiledLimit):
     easing: float = field(default=0.25, metadata=share())
 
     def __post_init__(self) -> None:
-        """Check the options and the arm's limits."""
         check(self)
         arm = self.arm
         for i, joint in enumerate(arm.joints):

@@ -53,7 +53,6 @@ class KinematicDrive:
     """See Drive."""
 
     def __init__(self, arm: Arm, q: Array, period: float) -> None:
-        """At rest at q (nq,)."""
         self.q, self.v = q, np.zeros(arm.nv)
         self._arm, self._period = arm, period
 

@@ -59,7 +59,6 @@ class ServoDrive:
     """See Drive."""
 
     def __init__(self, servo: Servo, arm: Arm, q: Array, period: float, seed: int) -> None:
-        """At rest at q (nq,)."""
         self.q, self.v = q, np.zeros(arm.nv)
         self._servo, self._arm, self._period = servo, arm, period
         self._on_the_way = deque(np.zeros(arm.nv) for _ in range(servo.delay))

@@ -41,7 +41,6 @@ class DeviceState:
     roll: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is not a number."""
         if not all(map(math.isfinite, (*self.position, *self.velocity, self.roll))):
             raise InvalidCommand(f"not finite: {self}; a handle needs seven finite numbers")
 
@@ -58,7 +57,6 @@ class Clutch:
     """
 
     def __init__(self) -> None:
-        """Nothing gone yet."""
         self.way: Vector3 = (0.0, 0.0, 0.0)
         self.counted = False
         self._last: Vector3 | None = None

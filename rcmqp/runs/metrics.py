@@ -33,7 +33,6 @@ class Extent:
     """
 
     def __init__(self) -> None:
-        """Without any number yet."""
         self.count, self.low, self.high, self.squares = 0, math.inf, -math.inf, 0.0
 
     def add(self, values: Array) -> None:
@@ -59,7 +58,6 @@ class JerkRatio:
     """Takes the parts of a run one after the other; their sizes do not matter, to the bit."""
 
     def __init__(self) -> None:
-        """Before the run, at rest."""
         self._last: Array | None = None
 
     def of(self, part: Run) -> Array:

@@ -55,7 +55,6 @@ class Run(Channels):
     """What the arm was made of; a file of an earlier version has not got it."""
 
     def __post_init__(self) -> None:
-        """Protect the arrays."""
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 

@@ -79,7 +79,6 @@ class RunFile:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the file."""
         self._open.close()
 
     @property

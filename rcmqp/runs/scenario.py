@@ -170,7 +170,6 @@ class Scenario:
     carried_arm: CarriedArm | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check what concerns several options at once."""
         if self.cycles > MOST_CYCLES:
             raise OptionError(
                 f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
@@ -218,7 +217,6 @@ class Scenario:
         return cls.of(name, insertion, path, **({"limits": limits} | fields))
 
     def __str__(self) -> str:
-        """The name, and the arm."""
         return f"{self.name} on {own_name(self.arm)}"
 
     @property

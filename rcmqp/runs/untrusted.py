@@ -114,7 +114,6 @@ class StoredRows:
         return self._dataset.dtype
 
     def __getitem__(self, rows: Any, /) -> Any:
-        """As the dataset gives them."""
         with reading(self._dataset.file.filename, self._dataset.name.lstrip("/")):
             found = self._dataset[rows]
             if self._allow != "anything":

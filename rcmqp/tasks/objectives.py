@@ -252,7 +252,6 @@ class ObjectiveTask(CompiledTask):
     gain: float = field(default=60.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the options."""
         super().__post_init__()
         if not isinstance(self.objective, Objective):
             raise OptionError(

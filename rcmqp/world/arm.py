@@ -134,7 +134,6 @@ class _Scratch(threading.local):
         self.model, self.data = model, model.createData()
 
     def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
-        """A copy has data of its own."""
         return _Scratch, (self.model,)
 
 

@@ -152,7 +152,6 @@ class SpeedNearLimits:
     upper: tuple[float, ...] = field(metadata=rule(_numbers))
 
     def __post_init__(self) -> None:
-        """Check that the numbers belong together."""
         rows = list(zip(self.offset, self.deceleration, self.lower, self.upper, strict=False))
         if any(len(getattr(self, item.name)) != len(rows) for item in dataclasses.fields(self)):
             raise OptionError(

@@ -120,7 +120,6 @@ class Sampled:
     positions: tuple[Vector3, ...] = field(metadata=rule(sample_positions))
 
     def __post_init__(self) -> None:
-        """Check that there are as many times as positions."""
         if len(self.times) != len(self.positions):
             raise OptionError(
                 f"{len(self.times)} times and {len(self.positions)} positions; give as many of "

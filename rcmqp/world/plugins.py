@@ -154,7 +154,6 @@ class Registry(MutableMapping[str, type[T]], Generic[T]):
         yield from (name for name in points(self.group) if name not in self._classes)
 
     def __len__(self) -> int:
-        """How many names there are."""
         return sum(1 for _ in self)
 
     def name_of(self, kind: type) -> str | None:

@@ -44,7 +44,6 @@ class Port:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that what is given goes together."""
         if self.pivot is None:
             for name in ("axis", "tolerance"):
                 if getattr(self, name) is not None:

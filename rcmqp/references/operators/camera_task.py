@@ -48,7 +48,6 @@ class CameraTask:
     tolerance: float = field(default=1e-3, metadata=positive("m"))
 
     def __post_init__(self) -> None:
-        """Check that the obstacle leaves room for the objectives."""
         if not self.obstacle_radius < self.side / 2.0 - self.tolerance:
             raise OptionError(
                 f"obstacle_radius = {self.obstacle_radius} m reaches the objectives beside it, "

@@ -87,7 +87,6 @@ class Circle(Drawn):
     ramp: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the times."""
         check_ramp(self.duration, self.ramp)
 
     def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
@@ -133,7 +132,6 @@ class ConicalHelix(Drawn):
     ramp: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the times."""
         check_ramp(self.duration, self.ramp)
 
     def progress(self, t: float) -> tuple[float, float]:
@@ -194,7 +192,6 @@ class Lissajous(Drawn):
     ramp: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the times."""
         check_ramp(self.duration, self.ramp)
 
     def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:

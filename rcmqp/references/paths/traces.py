@@ -45,7 +45,6 @@ class HandTrace:
     mapping: HandMapping = field(default_factory=HandMapping, metadata=part(HandMapping))
 
     def __post_init__(self) -> None:
-        """Check that there are as many of each."""
         samples = Sampled(self.times, self.positions)
         if self.engaged and len(self.engaged) != len(samples.times):
             raise OptionError(
@@ -99,7 +98,6 @@ class TipTrace:
     positions: tuple[Vector3, ...] = field(metadata=rule(sample_positions))
 
     def __post_init__(self) -> None:
-        """Check that there are as many times as positions."""
         _ = self.way
 
     @functools.cached_property
