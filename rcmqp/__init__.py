@@ -5,47 +5,66 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from rcmqp.controllers import (
-    CONTROLLERS,
-    Command,
-    Controller,
-    DualQuaternion,
-    HierarchicalQP,
-    make_controller,
-)
-from rcmqp.errors import RcmqpError
-from rcmqp.limits import Constraint, JointLimits, Limit
-from rcmqp.references.hand import DeviceState, HandMapping, HandView
-from rcmqp.references.paths import Circle, HandTrace, ViewMoves
-from rcmqp.references.planner import Planner
-from rcmqp.references.view import Reference, Stamped, ViewCommand, view_pose
-from rcmqp.runs.loading import load_scenario, scenario_names
-from rcmqp.runs.metrics import Metrics, compute_metrics
-from rcmqp.runs.run import Run
-from rcmqp.runs.run_file import RunFile
-from rcmqp.runs.scenario import Scenario
-from rcmqp.runs.simulate import record, simulate
-from rcmqp.tasks import RcmTask, Residual, Task, TipTask
-from rcmqp.world.arm import Arm, ArmState
-from rcmqp.world.insertion import Insertion, insertion_depth, rcm_error
-from rcmqp.world.instrument import Camera, Instrument, Trocar
-from rcmqp.world.loading import arm_names, load_arm
-from rcmqp.world.start import find_start
-
 if TYPE_CHECKING:
+    from rcmqp.controllers import (
+        CONTROLLERS,
+        Command,
+        Controller,
+        DualQuaternion,
+        HierarchicalQP,
+        make_controller,
+    )
+    from rcmqp.errors import RcmqpError
     from rcmqp.experiments.study.perform import perform
     from rcmqp.experiments.study.plan import Law, Study
+    from rcmqp.limits import Constraint, JointLimits, Limit
     from rcmqp.realtime.run import run_realtime
+    from rcmqp.references.hand import DeviceState, HandMapping, HandView
+    from rcmqp.references.paths import Circle, HandTrace, ViewMoves
+    from rcmqp.references.planner import Planner
+    from rcmqp.references.view import Reference, Stamped, ViewCommand, view_pose
+    from rcmqp.runs.loading import load_scenario, scenario_names
+    from rcmqp.runs.metrics import Metrics, compute_metrics
+    from rcmqp.runs.run import Run
+    from rcmqp.runs.run_file import RunFile
+    from rcmqp.runs.scenario import Scenario
+    from rcmqp.runs.simulate import record, simulate
+    from rcmqp.tasks import RcmTask, Residual, Task, TipTask
+    from rcmqp.world.arm import Arm, ArmState
+    from rcmqp.world.insertion import Insertion, insertion_depth, rcm_error
+    from rcmqp.world.instrument import Camera, Instrument, Trocar
+    from rcmqp.world.loading import arm_names, load_arm
+    from rcmqp.world.start import find_start
 
 __version__ = "0.1.0"
 
-_LATER = {
-    "Law": "rcmqp.experiments.study.plan",
-    "Study": "rcmqp.experiments.study.plan",
-    "perform": "rcmqp.experiments.study.perform",
-    "run_realtime": "rcmqp.realtime.run",
+_HOMES = {
+    "controllers": "CONTROLLERS Command Controller DualQuaternion HierarchicalQP make_controller",
+    "errors": "RcmqpError",
+    "experiments.study.perform": "perform",
+    "experiments.study.plan": "Law Study",
+    "limits": "Constraint JointLimits Limit",
+    "realtime.run": "run_realtime",
+    "references.hand": "DeviceState HandMapping HandView",
+    "references.paths": "Circle HandTrace ViewMoves",
+    "references.planner": "Planner",
+    "references.view": "Reference Stamped ViewCommand view_pose",
+    "runs.loading": "load_scenario scenario_names",
+    "runs.metrics": "Metrics compute_metrics",
+    "runs.run": "Run",
+    "runs.run_file": "RunFile",
+    "runs.scenario": "Scenario",
+    "runs.simulate": "record simulate",
+    "tasks": "RcmTask Residual Task TipTask",
+    "world.arm": "Arm ArmState",
+    "world.insertion": "Insertion insertion_depth rcm_error",
+    "world.instrument": "Camera Instrument Trocar",
+    "world.loading": "arm_names load_arm",
+    "world.start": "find_start",
 }
-"""Names whose modules take long to import, and are imported when these are used."""
+"""Names by the module that has them, which is imported when one of them is used."""
+
+_MODULES = {name: f"rcmqp.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
     "CONTROLLERS",
@@ -101,6 +120,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LATER:
+    if name not in _MODULES:
         raise AttributeError(f"module 'rcmqp' has no attribute {name!r}")
-    return getattr(importlib.import_module(_LATER[name]), name)
+    return getattr(importlib.import_module(_MODULES[name]), name)

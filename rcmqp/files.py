@@ -17,7 +17,7 @@ _COUNT = itertools.count()
 
 
 @contextmanager
-def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write a file atomically: yield a part file's path, rename it to ``path`` at the end.
 
     What ``path`` held before stays until then, and stays if the block raises. The part file is in
@@ -49,7 +49,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Raises:
         RunFileError: it cannot be written.
     """
-    with whole(path) as part:
+    with whole_file(path) as part:
         part.write_bytes(text.encode())
 
 

@@ -15,7 +15,7 @@ from literal_laws import PERIOD, follow, helix, made, on_each_arm, quick_helix, 
 
 from rcmqp import ViewCommand, compute_metrics, view_pose
 from rcmqp.controllers import TaskPriority
-from rcmqp.controllers.task_reconstruction import TaskReconstruction
+from rcmqp.controllers.task_priority import TaskReconstruction
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths import dualquaternion as dq
 

@@ -17,7 +17,7 @@ from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array, from_se3, to_se3
 from rcmqp.references.operators import CameraTrial
 from rcmqp.references.view import view_pose
-from rcmqp.show.palette import SPHERES
+from rcmqp.show.labels import SPHERES
 from rcmqp.world.camera import BACKGROUND, NOTHING, OUTSIDE, Pinhole, camera_pose, in_camera
 from rcmqp.world.obstacles import Sphere
 

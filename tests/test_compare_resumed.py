@@ -19,13 +19,12 @@ import pytest
 from rcmqp import Run, load_arm, load_scenario, make_controller
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.controllers.damped import Damped
+from rcmqp.controllers.pose_laws import Damped
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError
 from rcmqp.experiments import compare as comparison
-from rcmqp.experiments.batch import batch
+from rcmqp.experiments.batch import LOADED, batch, kept_run
 from rcmqp.experiments.compare import Case, arm_and_flange, cases, compare
-from rcmqp.experiments.kept import LOADED, kept_run
 from rcmqp.runs.simulate import simulate as simulate_whole
 from rcmqp.show.tables import TIMES, Row
 from rcmqp.world import plugins
@@ -149,7 +148,7 @@ def test_a_run_of_code_that_has_changed_or_of_other_versions_is_not_kept(
     controller = make_controller("damped", scenario.insertion(), scenario.period)
     assert kept_run(file, scenario, controller) is not None
     with monkeypatch.context() as patch:
-        patch.setattr("rcmqp.experiments.kept.versions", lambda: {"python": "4"})
+        patch.setattr("rcmqp.experiments.batch.versions", lambda: {"python": "4"})
         assert kept_run(file, scenario, controller) is None
     os.utime(file, (0.0, 0.0))  # older than the code
     assert kept_run(file, scenario, controller) is None
@@ -205,7 +204,7 @@ def test_a_changed_base_class_in_a_file_of_ones_own_counts(tmp_path: Path) -> No
     """A run is kept only if the files of all the controller's classes are older."""
     base = tmp_path / "own_base.py"
     base.write_text(
-        "from rcmqp.controllers.damped import Damped\nclass OwnBase(Damped):\n    pass\n"
+        "from rcmqp.controllers.pose_laws import Damped\nclass OwnBase(Damped):\n    pass\n"
     )
     spec = importlib.util.spec_from_file_location("own_base", base)
     assert spec is not None

@@ -11,8 +11,8 @@ from helpers import assert_allclose
 
 from rcmqp import Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs import contour as contours
-from rcmqp.runs.contour import Contour
+from rcmqp.runs import metrics as contours
+from rcmqp.runs.metrics import Contour
 
 T = 1e-3
 FINE = 40

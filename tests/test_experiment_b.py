@@ -14,8 +14,14 @@ import pytest
 
 from rcmqp import compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.cli import main
-from rcmqp.experiments.study.experiment_b import device_jump, reproduce_b
-from rcmqp.experiments.study.factors import EFFECTS, MEASURES, factor_table, factors
+from rcmqp.experiments.study.experiment_b import (
+    EFFECTS,
+    MEASURES,
+    device_jump,
+    factor_table,
+    factors,
+    reproduce_b,
+)
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.perform import perform
 from rcmqp.experiments.study.plan import Law, Study
@@ -174,7 +180,7 @@ def test_the_factors_are_asked_for_by_one_option(
 ) -> None:
     """Two of the twelve, so that the test is short."""
     two = dict(itertools.islice(factors().items(), 0, 2))
-    monkeypatch.setattr("rcmqp.experiments.study.factors.factors", lambda: two)
+    monkeypatch.setattr("rcmqp.experiments.study.experiment_b.factors", lambda: two)
     monkeypatch.setattr("rcmqp.experiments.study.experiment_b.factors", lambda: two)
     call = ["reproduce", "-e", "b", "--operators", "1", "--seed", "46", "--factors"]
     with pytest.raises(SystemExit) as ended:

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from rcmqp.errors import RunFileError
-from rcmqp.files import check_writable, sweep, whole
+from rcmqp.files import check_writable, sweep, whole_file
 
 
 def spoil(file: Path, failure: Exception) -> None:
-    with whole(file) as part:
+    with whole_file(file) as part:
         part.write_text("half")
         raise failure
 
@@ -33,14 +33,14 @@ def test_the_message_names_the_file_that_was_asked_for_only(tmp_path: Path) -> N
     for words in ("[Errno 28] No space left on device: '{}'", "unable to open file: name = '{}'"):
         with (
             pytest.raises(RunFileError, match=f"{file}: could not be written: ") as raised,
-            whole(file) as part,
+            whole_file(file) as part,
         ):
             raise OSError(words.format(part))
         assert part.name not in str(raised.value)
 
 
 def test_a_whole_file_takes_its_name_and_keeps_its_ending(tmp_path: Path) -> None:
-    with whole(tmp_path / "x.txt") as part:
+    with whole_file(tmp_path / "x.txt") as part:
         assert part.suffix == ".txt"
         part.write_text("new")
         assert not (tmp_path / "x.txt").exists()
@@ -85,12 +85,12 @@ def test_another_host_does_not_remove_what_is_being_written(
     """Process numbers mean nothing elsewhere: on the other host, the writer's seems dead."""
     monkeypatch.setattr(platform, "node", lambda: "first")
     monkeypatch.setattr(os, "getpid", lambda: dead)
-    with whole(tmp_path / "a.txt") as part:
+    with whole_file(tmp_path / "a.txt") as part:
         part.write_text("a")
         with monkeypatch.context() as other:
             other.setattr(platform, "node", lambda: "second")
             check_writable(tmp_path / "a.txt")
-            with whole(tmp_path / "a.txt") as theirs:
+            with whole_file(tmp_path / "a.txt") as theirs:
                 theirs.write_text("b")
         assert part.read_text() == "a"
         assert (tmp_path / "a.txt").read_text() == "b"
@@ -103,8 +103,8 @@ def test_a_process_killed_while_it_writes_leaves_the_earlier_file_and_its_part(
     file = tmp_path / "x.txt"
     file.write_text("old")
     program = (
-        "import sys, time\nfrom rcmqp.files import whole\n"
-        "with whole(sys.argv[1]) as part:\n"
+        "import sys, time\nfrom rcmqp.files import whole_file\n"
+        "with whole_file(sys.argv[1]) as part:\n"
         "    part.write_text('half')\n    print(flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen(
@@ -116,6 +116,6 @@ def test_a_process_killed_while_it_writes_leaves_the_earlier_file_and_its_part(
         process.kill()
     assert file.read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 2
-    with whole(file) as part:
+    with whole_file(file) as part:
         part.write_text("new")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["new"]

@@ -21,7 +21,7 @@ from rcmqp.errors import OptionError
 from rcmqp.limits import Constraint, JointLimits, Limit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import HierarchySolution, Level
-from rcmqp.qp.problem import InvalidProblem
+from rcmqp.qp.problem import InvalidProblem, WrongShape
 from rcmqp.tasks import (
     ObjectiveTask,
     PostureTask,
@@ -82,6 +82,23 @@ def test_how_many_rows_there_are_may_change_from_cycle_to_cycle() -> None:
         assert account.violation.size == k % 4 + 1
         kept.append((account, k % 3))
     assert [account.levels[1].residual.size for account, _ in kept] == [m for _, m in kept]
+
+
+def test_more_rows_than_there_is_room_for_are_refused_with_a_remedy() -> None:
+    insertion = insertion_of("panda")
+    state, reference = next(cycles(insertion))
+    many = np.zeros((6000, 7))
+    task = Rows(lambda k: Residual(many[:, 0], many, many[:, 0]))
+    with pytest.raises(
+        WrongShape, match=r"^Rows.evaluate\(\) gives 6000 rows.* at most 4000 .*give"
+    ):
+        HierarchicalQP(insertion, T, levels=[RcmTask(), task]).step(state, reference)
+    wall = Walls(lambda k: Constraint.rows(many, many[:, 0], ["wall"] * 6000))
+    limits = [JointLimits(insertion.arm, T), wall]
+    with pytest.raises(
+        WrongShape, match=r"^Walls.evaluate\(\) gives 6000 rows.* at most 4000 .*give"
+    ):
+        HierarchicalQP(insertion, T, limits=limits).step(state, reference)
 
 
 def test_rows_in_the_way_may_come_and_go() -> None:

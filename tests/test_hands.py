@@ -21,7 +21,7 @@ from rcmqp.experiments.study.vocabulary import HANDS
 from rcmqp.maths.smooth import step
 from rcmqp.references.operators import CameraTrial, Operator, operator_of_study
 from rcmqp.references.paths import HandTrace
-from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
+from rcmqp.runs.behaviour import log_dimensionless_jerk, sparc
 
 RECORDING = Path(__file__).with_name("synthetic_hand.csv")
 

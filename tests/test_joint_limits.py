@@ -474,10 +474,10 @@ def test_speed_limits_near_the_position_limits_hold_in_every_cycle(
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
-        ({}, {"period": 0.0}, r"period = 0.0 s; it must be positive"),
+        ({}, {"period": 0.0}, r"period = 0.0 s, it must be positive"),
         ({}, {"braking": 0.0}, r"braking = 0.0, it must be above 0 and at most 1"),
         ({}, {"easing": 1.5}, r"easing = 1.5, it must be above 0 and at most 1"),
-        ({}, {"margin": -0.1}, r"margin = -0.1, it must be 0 or more"),
+        ({}, {"margin": -0.1}, r"margin = -0.1, it must be finite and 0 or more"),
         ({}, {"margin": 5.0}, r"panda_joint1 has position limits .*margin of 5 rad leaves empty"),
         ({"lower": 3.0, "upper": -3.0}, {}, r"panda_joint1 .* \[3, -3\] rad, which a margin of 0"),
         ({"velocity": 0.0}, {}, r"panda_joint1 has velocity limit 0; it must be positive"),

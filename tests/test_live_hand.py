@@ -18,8 +18,7 @@ from rcmqp.live.page_hand import PageHand
 from rcmqp.live.steering import LEASH, Held, Steering
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.hand import DeviceState, ImageHand, Viscous
-from rcmqp.references.hand.viscous import ACCELERATIONS, SPEEDS
+from rcmqp.references.hand import ACCELERATIONS, SPEEDS, DeviceState, ImageHand, Viscous
 from rcmqp.references.view import ViewCommand, view_of_pose, view_pose
 from rcmqp.world.insertion import rcm_error, tilt
 

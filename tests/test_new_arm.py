@@ -14,7 +14,7 @@ from public_arms import write_public_arm
 from rcmqp import Run, compute_metrics, load_arm
 from rcmqp.cli import main
 from rcmqp.world.arm import Arm
-from rcmqp.world.collisions import Collisions
+from rcmqp.world.geometry import Collisions
 
 ROOT = Path(__file__).parent.parent
 PAIRS = re.findall(

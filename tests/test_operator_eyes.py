@@ -13,8 +13,8 @@ from helpers import assert_allclose
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.operators import CameraTrial, Operator
 from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.operators.hand import Submovement
 from rcmqp.references.operators.perception import Eyes
-from rcmqp.references.operators.submovement import Submovement
 from rcmqp.references.view import view_pose
 
 

@@ -15,9 +15,7 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators import CameraTrial, Omega7, Operator, draw_operator
 from rcmqp.references.operators.camera_task import CameraTask
-from rcmqp.references.operators.hand import Hand
-from rcmqp.references.operators.submovement import Submovement, duration
-from rcmqp.references.operators.tremor import Tremor
+from rcmqp.references.operators.hand import Hand, Submovement, Tremor, duration
 
 
 def test_submovements_are_bells() -> None:

@@ -23,8 +23,8 @@ from rcmqp.references.operators import (
     operator_of_study,
     recognition_times,
 )
-from rcmqp.references.operators.detour import is_clear, passing, via_point
-from rcmqp.references.operators.submovement import Submovement
+from rcmqp.references.operators.hand import Submovement
+from rcmqp.references.operators.steering import is_clear, passing, via_point
 from rcmqp.world.obstacles import Sphere
 
 # Who they are ------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.show.palette import COLOURS, DASHES, colour, dash
+from rcmqp.show.labels import COLOURS, DASHES, colour, dash
 from rcmqp.show.viewer.build import asset
 
 SEEN: dict[str, ArrayLike] = {

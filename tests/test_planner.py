@@ -8,12 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import assert_allclose, derivative, random_placement, shaft_distance
+from oracles.planner import constrain, plan
 
 from rcmqp import Reference, ViewCommand, view_pose
 from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.planner import FAR_ANGLE, FAR_DEPTH, Planner, constrain, plan
+from rcmqp.references.planner import FAR_ANGLE, FAR_DEPTH, Planner
 from rcmqp.references.view import carried
 
 PERIOD = 1e-3

@@ -20,7 +20,7 @@ from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.show import plots
-from rcmqp.show.palette import COLOURS
+from rcmqp.show.labels import COLOURS
 
 
 @pytest.fixture(scope="module")

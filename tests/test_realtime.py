@@ -19,8 +19,7 @@ from rcmqp.controllers import Command
 from rcmqp.controllers.braking import braking
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.deadlines import Deadlines
-from rcmqp.realtime.latency import EDGES, LatencyCounter
+from rcmqp.realtime.latency import EDGES, Deadlines, LatencyCounter
 from rcmqp.realtime.run import WARM_UP, Stamped
 from rcmqp.references.governor import Governed
 from rcmqp.references.paths import ViewMoves

@@ -22,7 +22,7 @@ from rcmqp.runs.metrics import compute_metrics
 from rcmqp.show import plots
 from rcmqp.show.report.build import pictures, write_report
 from rcmqp.show.report.document import Screenshot, Section, as_html
-from rcmqp.show.report.groups import groups_of
+from rcmqp.show.report.remake import groups_of
 from rcmqp.show.viewer.browser import PATIENCE, browser
 
 DISPLAYS = "what => [...document.querySelectorAll(what)].map(x => getComputedStyle(x).display)"

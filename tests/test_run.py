@@ -28,8 +28,7 @@ from rcmqp.files import check_writable
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.head import Head
 from rcmqp.runs.run_file import RunFile
-from rcmqp.show.report.groups import groups_of
-from rcmqp.show.report.remake import remake_text
+from rcmqp.show.report.remake import groups_of, remake_text
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [

@@ -14,8 +14,8 @@ from rcmqp import Run, Scenario, compute_metrics, load_scenario, make_controller
 from rcmqp.cli.console import warnings
 from rcmqp.controllers import Controller
 from rcmqp.errors import RunFileError
-from rcmqp.runs.extent import Extent
 from rcmqp.runs.head import SIGNATURE
+from rcmqp.runs.metrics import Extent
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import assert_allclose, every_scenario
+from oracles.planner import plan
 
 from rcmqp import (
     Arm,
@@ -41,7 +42,6 @@ from rcmqp.references.paths import (
     ViewSteps,
 )
 from rcmqp.references.paths import Path as ViewPath
-from rcmqp.references.planner import plan
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.motions import MOTIONS, Breathing, Motion, Sampled, Sinusoid, Still
 from rcmqp.world.obstacles import Sphere

@@ -13,7 +13,7 @@ from rcmqp.controllers import make_controller
 from rcmqp.experiments.compare import cases, compare
 from rcmqp.references.recorded import Recorded
 from rcmqp.runs.loading import load_scenario
-from rcmqp.runs.recorded import along, moved
+from rcmqp.runs.moved import along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.labels import run_labels

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 
-from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
+from rcmqp.runs.behaviour import log_dimensionless_jerk, sparc
 
 
 def test_smoother_movements_have_larger_measures() -> None:

@@ -25,8 +25,8 @@ from rcmqp import (
 )
 from rcmqp.errors import NoStartFound
 from rcmqp.runs.loading import scenario_module
-from rcmqp.world.collisions import Collisions
 from rcmqp.world.ease import ease_at
+from rcmqp.world.geometry import Collisions
 from rcmqp.world.start import search_start
 
 SCOPE = Instrument()

@@ -32,14 +32,20 @@ from rcmqp import Insertion, Instrument, Run, compute_metrics, files, load_arm, 
 from rcmqp.cli import main
 from rcmqp.controllers import CONTROLLERS, Command, DualQuaternion
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.experiments.study import record as study_record
-from rcmqp.experiments.study.identity import identity
+from rcmqp.experiments.study import trial_file as study_record
 from rcmqp.experiments.study.outcome import outcome_of
-from rcmqp.experiments.study.perform import RUNS, Performed, perform, run_trial, trial_file
+from rcmqp.experiments.study.perform import (
+    RUNS,
+    Performed,
+    identity,
+    perform,
+    run_trial,
+    trial_file,
+)
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.record import Record
 from rcmqp.experiments.study.report import write_figures, write_tables
 from rcmqp.experiments.study.tables import outcomes_csv, table
+from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.references.operators import CameraTrial, operator_of_study, recognition_times
 from rcmqp.references.operators.camera_task import CameraTask
 from rcmqp.references.view import Reference
@@ -131,7 +137,7 @@ def test_two_hosts_on_one_folder_lose_nothing(
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     chosen, folder = study(short, 3), tmp_path / "shared"
-    seconds, whole = list[Performed](), files.whole
+    seconds, whole = list[Performed](), files.whole_file
 
     @contextlib.contextmanager
     def slow(path: Path) -> Iterator[Path]:
@@ -141,14 +147,14 @@ def test_two_hosts_on_one_folder_lose_nothing(
                 with monkeypatch.context() as second:
                     second.setattr(platform, "node", lambda: "second")
                     second.setattr(os, "getpid", os.getppid)
-                    second.setattr(study_record, "whole", whole)
+                    second.setattr(study_record, "whole_file", whole)
                     seconds.append(perform(chosen, folder))
             assert part.read_bytes() == b"half"
             yield part
 
     monkeypatch.setattr(platform, "node", lambda: "first")
     monkeypatch.setattr(os, "getpid", lambda: ended.pid)
-    monkeypatch.setattr(study_record, "whole", slow)
+    monkeypatch.setattr(study_record, "whole_file", slow)
     first = perform(chosen, folder)
     (second,) = seconds
     assert text_of(first) == text_of(second) == text_of(perform(chosen, tmp_path / "alone"))
@@ -161,7 +167,7 @@ def test_trials_that_another_version_ran_are_told_of(short: str, tmp_path: Path)
     chosen = study(short, 2)
     assert not perform(chosen, tmp_path).notes
     file = trial_file(tmp_path, chosen.trials()[0])
-    record = Record.load(file)
+    record = TrialFile.load(file)
     dataclasses.replace(record, versions={**record.versions, "numpy": "1.0"}).save(file)
     (note,) = perform(chosen, tmp_path).notes
     assert "1 of 2 trials were run by other versions, the first by numpy 1.0 (now " in note
@@ -370,7 +376,7 @@ def test_the_figures_are_of_the_trial_of_median_time(
 ) -> None:
     done, drawn = perform(study(short, 3), tmp_path), []
 
-    def drawing(record: Record) -> Figure:
+    def drawing(record: TrialFile) -> Figure:
         drawn.append(record.outcome.operator)
         return Figure()
 
@@ -578,9 +584,9 @@ def test_a_shaft_that_touches_the_obstacle_with_its_side_collides(short: str) ->
 def test_a_record_survives_its_file(short: str, tmp_path: Path) -> None:
     chosen = study(short, 1)
     perform(chosen, tmp_path)
-    record = Record.load(trial_file(tmp_path, chosen.trials()[0]))
+    record = TrialFile.load(trial_file(tmp_path, chosen.trials()[0]))
     record.save(tmp_path / "again.h5")
-    assert Record.load(tmp_path / "again.h5").digest == record.digest
+    assert TrialFile.load(tmp_path / "again.h5").digest == record.digest
     assert record.scenario == chosen.trials()[0].made().to_json()
     assert json.loads(record.scenario)["path"]["operator"]["group"] == "novice"
 

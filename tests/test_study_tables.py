@@ -19,9 +19,9 @@ from rcmqp.experiments.study.figures import groups_figure, trial_figure
 from rcmqp.experiments.study.outcome import TRACES, Outcome
 from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.record import Record
 from rcmqp.experiments.study.statistics import Effect, effect, summary
 from rcmqp.experiments.study.tables import JUMP, outcomes_csv, table
+from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.runs.metrics import compute_metrics
 
 
@@ -271,7 +271,7 @@ def test_every_trial_is_a_row_of_the_csv() -> None:
 
 def test_the_figures_draw_the_numbers_beside_the_papers() -> None:
     traces = {name: np.linspace(0.0, k + 1.0, 5) for k, name in enumerate(TRACES)}
-    above, below = trial_figure(Record(outcomes("a", 0.0)[0], "", "", "", traces)).axes
+    above, below = trial_figure(TrialFile(outcomes("a", 0.0)[0], "", "", "", traces)).axes
     for axes, index, name in ((above, 0, "tip"), (above, 1, "effector"), (below, 0, "rcm")):
         assert_allclose(np.asarray(axes.lines[index].get_ydata()), 1e3 * traces[f"{name}_error"])
     figure = groups_figure(outcomes("a", 0.0))

@@ -10,7 +10,7 @@ from helpers import assert_allclose, inserted, near_start, shaft_distance, size
 from literal_laws import PERIOD, Geometry, follow, made, near, on_each_arm, stacked
 
 from rcmqp import ArmState, Reference, ViewCommand, load_scenario, simulate, view_pose
-from rcmqp.controllers.task_reconstruction import (
+from rcmqp.controllers.task_priority import (
     TaskReconstruction,
     manipulability,
     shaft_jacobian,

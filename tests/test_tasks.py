@@ -402,14 +402,14 @@ def test_a_user_adds_a_task_in_ten_lines(monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.parametrize(
     ("refused", "message"),
     [
-        (lambda i: make_task("rcm", i, gain=0.0), r"gain = 0.0 1/s; it must be positive"),
-        (lambda i: make_task("rcm", i, gain=np.nan), r"gain = nan 1/s; it must be positive"),
-        (lambda i: make_task("rcm", i, weight=-1.0), r"weight = -1.0; it must be positive"),
-        (lambda i: make_task("tip", i, tip_depth=np.inf), r"tip_depth = inf m; it must be a fin"),
+        (lambda i: make_task("rcm", i, gain=0.0), r"gain = 0.0 1/s, it must be positive"),
+        (lambda i: make_task("rcm", i, gain=np.nan), r"gain = nan 1/s, it must be positive"),
+        (lambda i: make_task("rcm", i, weight=-1.0), r"weight = -1.0, it must be positive"),
+        (lambda i: make_task("tip", i, tip_depth=np.inf), r"tip_depth = inf m, it must be fin"),
         (lambda i: make_task("posture", i, posture=[np.nan]), r"one finite number a joint"),
         (lambda i: PostureTask([1.0], [True, False]), r"shape \(2,\), posture \(1,\)"),
-        (lambda i: make_task("objective", i, K_c=0.0), r"K_c = 0.0; it must be positive"),
-        (lambda i: make_task("objective", i, c_d=np.nan), r"c_d = nan; it must be a finite"),
+        (lambda i: make_task("objective", i, K_c=0.0), r"K_c = 0.0, it must be positive"),
+        (lambda i: make_task("objective", i, c_d=np.nan), r"c_d = nan, it must be finite"),
         (lambda i: make_task("objective", i, objective=3), r"objective = 3; it must be an Obj"),
     ],
 )

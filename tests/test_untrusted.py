@@ -20,8 +20,8 @@ from rcmqp.cli import run as run_commands
 from rcmqp.cli.console import err, out
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.perform import remake
-from rcmqp.runs.printable import one_line, printable, shortened
 from rcmqp.runs.run_file import RunFile
+from rcmqp.runs.untrusted import one_line, printable, shortened
 from rcmqp.show.table import Table
 
 ATTRIBUTES = (

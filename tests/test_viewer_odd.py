@@ -15,7 +15,7 @@ from opened import Opened
 from rcmqp import Run, Scenario, load_arm, make_controller, simulate
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import ConicalHelix
-from rcmqp.show.palette import COLOURS
+from rcmqp.show.labels import COLOURS
 from rcmqp.show.viewer.browser import open_page
 from rcmqp.show.viewer.build import write_page
 from rcmqp.show.viewer.shapes import arm_parts

@@ -14,7 +14,7 @@ from opened import Opened
 from rcmqp import Run, Scenario, make_controller, simulate
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.paths import ViewMoves
-from rcmqp.show.palette import COLOURS
+from rcmqp.show.labels import COLOURS
 from rcmqp.world.obstacles import Sphere
 
 VIEW = (0.13, 0.06, 0.0, 0.05)

@@ -15,8 +15,7 @@ from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import CameraTrial
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.show.labels import GIVEN
-from rcmqp.show.palette import COLOURS, SPHERES
+from rcmqp.show.labels import COLOURS, GIVEN, SPHERES
 from rcmqp.show.viewer.timeline import slip
 from rcmqp.world.camera import Pinhole, camera_pose
 from rcmqp.world.motions import Sinusoid

@@ -14,9 +14,9 @@ from test_urdf import urdf
 
 from rcmqp import load_arm
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.show.viewer.collada_ import triangles
+from rcmqp.show.viewer.meshcat_ import GRAIN, NORMAL_GRAIN, smooth
 from rcmqp.show.viewer.shapes import arm_parts
-from rcmqp.show.viewer.surface import GRAIN, NORMAL_GRAIN, smooth
+from rcmqp.show.viewer.shapes import collada_triangles as triangles
 
 QUAD = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

@@ -20,7 +20,7 @@ import pytest
 import rcmqp
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.deadlines import Ticks
+from rcmqp.realtime.latency import Ticks
 from rcmqp.realtime.loopback import UdpArm, account_of, arm_process, port_of
 from rcmqp.realtime.packets import Packets, new_key
 from rcmqp.realtime.priority import time_waited

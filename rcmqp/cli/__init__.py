@@ -32,8 +32,8 @@ from rcmqp.cli import (
 )
 from rcmqp.cli.console import err, out, show_warning
 from rcmqp.errors import ArmWarning, RcmqpError
-from rcmqp.runs.printable import shortened
-from rcmqp.world.own_module import place_of
+from rcmqp.runs.untrusted import shortened
+from rcmqp.world.plugins import place_of
 
 app = typer.Typer(
     name="rcmqp",

@@ -20,10 +20,10 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.head import Head
 from rcmqp.runs.measures import readable
 from rcmqp.runs.metrics import ROUNDING, Metrics, compute_metrics
-from rcmqp.runs.printable import one_line, printable
-from rcmqp.runs.recorded import recording_remarks
+from rcmqp.runs.moved import recording_remarks
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
+from rcmqp.runs.untrusted import one_line, printable
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show.labels import given_cells, given_words, joint_units, unit_of
 from rcmqp.show.table import Table

@@ -35,7 +35,7 @@ from rcmqp.files import check_writable, make_folder
 from rcmqp.references.recorded import Recorded
 from rcmqp.runs.head import Head, check_own, opened
 from rcmqp.runs.loading import RUN_FILE, load_scenario
-from rcmqp.runs.recorded import along, moved
+from rcmqp.runs.moved import along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate

@@ -235,7 +235,7 @@ def _print(
     files: Sequence[Path],
     as_json: bool,
 ) -> None:
-    from rcmqp.experiments.study.record import plain
+    from rcmqp.experiments.study.trial_file import plain
 
     for note in notes:
         console.print_note(note)
@@ -254,7 +254,7 @@ def _remake(trial: Path, folder: Path) -> None:
     """Simulate a trial again and keep its run."""
     from rcmqp.experiments.study.perform import remake
     from rcmqp.experiments.study.plan import Law
-    from rcmqp.experiments.study.record import Record
+    from rcmqp.experiments.study.trial_file import TrialFile
     from rcmqp.files import make_folder
     from rcmqp.runs.head import check_own
     from rcmqp.runs.scenario import Scenario
@@ -262,7 +262,7 @@ def _remake(trial: Path, folder: Path) -> None:
     file = make_folder(folder) / trial.name
     if file.resolve() == trial.resolve():
         raise OptionError(f"{file} is the trial itself; give another folder with --out")
-    record = Record.load(trial)
+    record = TrialFile.load(trial)
     scenario = Scenario.from_json(record.scenario)
     check_own(file, scenario, Law.from_json(record.law).controller(scenario))
     run = remake(trial)

@@ -11,10 +11,9 @@ from typing import Any
 
 from rcmqp.controllers.aghakhani import Aghakhani
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.controllers.damped import Damped
 from rcmqp.controllers.dual_quaternion import DualQuaternion
 from rcmqp.controllers.hierarchical_qp import HierarchicalQP, default_limits
-from rcmqp.controllers.pose_error import PoseError
+from rcmqp.controllers.pose_laws import Damped, PoseError
 from rcmqp.controllers.task_priority import TaskPriority, TaskReconstructionLaw
 from rcmqp.controllers.vfi_qp import VfiQP
 from rcmqp.controllers.weighted_qp import WeightedQP

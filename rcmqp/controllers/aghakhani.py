@@ -27,7 +27,6 @@ class ShaftParameter:
     __slots__ = ("value",)
 
     def __init__(self) -> None:
-        """Before the first step."""
         self.value: float | None = None
 
 

@@ -10,7 +10,7 @@ from types import ModuleType
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.controllers.given import LAW_FILE
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.world.own_module import module_of_file
+from rcmqp.world.plugins import module_of_file
 
 SETTING = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_]\w*))?(?P<options>:.*=.*)?")
 """FILE.py, FILE.py:CLASS, and either with :OPTION=VALUE,... behind it."""

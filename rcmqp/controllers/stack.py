@@ -11,7 +11,7 @@ from rcmqp.errors import OptionError
 from rcmqp.limits import Constraint, Limit
 from rcmqp.limits.base import CompiledLimit
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level
+from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level, WrongShape
 from rcmqp.qp.levels import Answer, Bounds
 from rcmqp.references.view import Reference
 from rcmqp.tasks import ObjectiveTask, Residual, Task, Together
@@ -20,10 +20,13 @@ from rcmqp.world.arm import Arm, ArmState
 
 LevelOfTasks: TypeAlias = Task | Together
 
-Given: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array, ...]]]
+Evaluated: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array, ...]]]
 """What is written in Python gives in a cycle, and the same as compiled code takes it."""
 
-NOTHING: Given = ([], [], [])
+NOTHING: Evaluated = ([], [], [])
+
+MOST_ROWS = 4000
+"""Rows of tasks, and of limits, that are written in Python; compiled ones have their own room."""
 
 
 class Stack:
@@ -116,6 +119,7 @@ class Stack:
 
         Raises:
             InvalidProblem: what a task or a limit in Python gives is not usable.
+            WrongShape: they give more rows than there is room for.
         """
         residuals, constraints, given = self._rows(state, reference) if self._asks else NOTHING
         found = self._compiled.step(
@@ -159,10 +163,12 @@ class Stack:
         ]
         return levels, Bounds(lower, upper, C, d, self._all_names(constraints))
 
-    def _rows(self, state: ArmState, reference: Reference) -> Given:
+    def _rows(self, state: ArmState, reference: Reference) -> Evaluated:
         """What the tasks and the limits that are written in Python give."""
         residuals = [task.residual(state, reference) for task in self._tasks]
         constraints = [limit.constraint(state, reference) for limit in self._given]
+        _check_rows(self._tasks, [len(r.error) for r in residuals])
+        _check_rows(self._given, [len(c.d) for c in constraints])
         arrays: list[tuple[Array, ...]] = [(r.error, r.jacobian, r.drift) for r in residuals]
         arrays += [(c.lower, c.upper, c.C, c.d) for c in constraints]
         return residuals, constraints, arrays
@@ -207,6 +213,21 @@ def _member(task: Task, level: LevelOfTasks) -> tuple[_kernel.Block | None, floa
     """
     gain = 0.0 if isinstance(task, ObjectiveTask) else task.gain
     return block_of(task), gain, 1.0 if task is level else math.sqrt(task.weight)
+
+
+def _check_rows(items: Sequence[Task] | Sequence[Limit], counts: Sequence[int]) -> None:
+    """Refuse more rows than compiled code has room for.
+
+    Raises:
+        WrongShape: with the task or limit that gives most of them.
+    """
+    if sum(counts) > MOST_ROWS:
+        most = max(counts)
+        raise WrongShape(
+            f"{type(items[counts.index(most)]).__name__}.evaluate() gives {most} rows, "
+            f"{sum(counts)} with those of the others; at most {MOST_ROWS} are allowed: give "
+            "fewer, for example only the worst"
+        )
 
 
 NOT_ASKED = ("level", "residual", "constraint", "interval")

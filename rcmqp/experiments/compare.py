@@ -15,9 +15,8 @@ from typing import Any
 from rcmqp.controllers import CONTROLLERS, Controller, make_controller
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, PluginError, RunFileError
-from rcmqp.experiments.batch import batch, check_jobs
-from rcmqp.experiments.kept import date, kept_run
-from rcmqp.files import check_writable, make_folder, unlike, whole
+from rcmqp.experiments.batch import batch, check_jobs, date, kept_run
+from rcmqp.files import check_writable, make_folder, unlike, whole_file
 from rcmqp.runs.head import check_own
 from rcmqp.runs.loading import changed, load_scenario, own_arm
 from rcmqp.runs.run import Run
@@ -250,7 +249,7 @@ def _write(folder: Path, rows: Sequence[Row], count: int) -> None:
         ("comparison.tex", as_latex(rows)),
         ("comparison.md", f"# Comparison\n\n{done}{as_markdown(rows)}\n{explained}"),
     ):
-        with whole(folder / name) as part:
+        with whole_file(folder / name) as part:
             part.write_text(text, encoding="utf-8")
 
 

@@ -10,13 +10,9 @@ from typing import Any
 
 from rcmqp.errors import OptionError
 from rcmqp.limits.base import Constraint, Damper, Limit, combine, intersect
-from rcmqp.limits.entry_sphere import EntrySphere
 from rcmqp.limits.joints import JointLimits, braking_speed
-from rcmqp.limits.keep_in import KeepIn
-from rcmqp.limits.keep_out import KeepOut
-from rcmqp.limits.spheres import SphereLimit
-from rcmqp.limits.trocar_cone import TrocarCone
-from rcmqp.limits.trocar_depth import TrocarDepth
+from rcmqp.limits.spheres import EntrySphere, KeepIn, KeepOut, SphereLimit
+from rcmqp.limits.trocar import TrocarCone, TrocarDepth
 from rcmqp.tasks.base import check_name
 from rcmqp.world.insertion import Insertion
 

@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 from rcmqp._kernel import Block, frozen, paced, record
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import allowed, check, positive, positive_or_inf
 from rcmqp.qp.levels import Bounds
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.references.view import Reference
-from rcmqp.tasks.base import check_positive, cycle, filled_in
+from rcmqp.tasks.base import cycle, filled_in
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 
@@ -111,6 +112,10 @@ class Limit(abc.ABC):
 
     name: ClassVar[str] = "limit"
 
+    def __post_init__(self) -> None:
+        """Check every option by its rule."""
+        check(self)
+
     @classmethod
     def made_for(cls, insertion: Insertion, period: float, **options: Any) -> Self:
         """The limit for an insertion and a sampling period T [s].
@@ -167,6 +172,11 @@ class CompiledLimit(Limit):
     def block(self) -> Block:
         """The box, or the rows, made once of the options."""
 
+    def __post_init__(self) -> None:
+        """Make them now: what was given may be written to later."""
+        super().__post_init__()
+        _ = self.block
+
     @property
     def row_names(self) -> tuple[str, ...]:
         """Names of the rows, for messages."""
@@ -216,24 +226,18 @@ class Damper(Limit):
             deceleration or a period.
     """
 
-    gain: float = 60.0
-    deceleration: float = math.inf
-    jerk: float = math.inf
+    gain: float = field(default=60.0, metadata=positive("1/s"))
+    deceleration: float = field(default=math.inf, metadata=positive_or_inf())
+    jerk: float = field(default=math.inf, metadata=positive_or_inf())
     period: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the options."""
-        check_positive("gain", self.gain, "1/s")
-        for name in ("deceleration", "jerk"):
-            if not getattr(self, name) > 0.0:
-                raise OptionError(
-                    f"{name} = {getattr(self, name)}; it must be positive, inf for none"
-                )
-        if self.jerk == math.inf:
-            return
-        check_positive("period", self.period, "s")
-        if self.deceleration == math.inf:
-            raise OptionError(f"jerk = {self.jerk} without a deceleration; give both")
+        super().__post_init__()
+        if self.jerk < math.inf:
+            allowed("period", self.period, positive("s"))
+            if self.deceleration == math.inf:
+                raise OptionError(f"jerk = {self.jerk} without a deceleration; give both")
 
     @property
     def rates(self) -> dict[str, float]:

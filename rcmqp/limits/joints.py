@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -13,8 +13,8 @@ from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.limits.base import CompiledLimit, Constraint
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, check, positive, share
 from rcmqp.references.view import Reference
-from rcmqp.tasks.base import check_positive
 from rcmqp.world.arm import Arm, ArmState
 
 NEAR_SHARE = 0.8
@@ -101,22 +101,14 @@ class JointLimits(CompiledLimit):
     name: ClassVar[str] = "joints"
 
     arm: Arm
-    period: float
-    margin: float = 0.0
+    period: float = field(metadata=positive("s"))
+    margin: float = field(default=0.0, metadata=at_least(0.0))
     acceleration: bool = True
-    braking: float = 0.25
-    easing: float = 0.25
+    braking: float = field(default=0.25, metadata=share())
+    easing: float = field(default=0.25, metadata=share())
 
     def __post_init__(self) -> None:
-        """Check the options and the arm's limits."""
-        check_positive("period", self.period, "s")
-        if not 0.0 <= self.margin < np.inf:
-            raise OptionError(f"margin = {self.margin}, it must be 0 or more, and finite")
-        for name in ("braking", "easing"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise OptionError(
-                    f"{name} = {getattr(self, name)}, it must be above 0 and at most 1"
-                )
+        check(self)
         arm = self.arm
         for i, joint in enumerate(arm.joints):
             lower, upper = arm.lower[i], arm.upper[i]
@@ -133,7 +125,7 @@ class JointLimits(CompiledLimit):
                     raise OptionError(
                         f"{joint} has {kind} limit {value:.4g}; it must be positive, inf for none"
                     )
-        _ = self.block  # made now: the arm's limits may be set later
+        super().__post_init__()
 
     @functools.cached_property
     def table(self) -> Array:

@@ -1,19 +1,23 @@
-"""What limits with a sphere have in common."""
+"""Spheres that the instrument stays out of, stays in, or passes through."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import functools
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from rcmqp._kernel import Block
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import OptionError
 from rcmqp.limits.base import CompiledLimit, Damper
-from rcmqp.tasks.base import check_finite, check_positive
+from rcmqp.maths.options import finite, one_of, positive, rule
+from rcmqp.tasks.base import filled_in
+from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import MOST_JOINTS, Instrument, Vector3, Wrist, vector3
 
 PARTS = ("tip", "shaft")
+PART = one_of("part of the instrument", PARTS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,21 +49,13 @@ class SphereLimit(CompiledLimit, Damper):
         OptionError: a value is not allowed.
     """
 
-    centre: Vector3
-    radius: float
+    centre: Vector3 = field(metadata=rule(vector3))
+    radius: float = field(metadata=positive("m"))
     instrument: Instrument
-    tip_depth: float
-    velocity: Vector3 = (0.0, 0.0, 0.0)
+    tip_depth: float = field(metadata=finite("m"))
+    velocity: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(vector3))
     on_trocar: bool = False
     label: str = "sphere"
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_positive("radius", self.radius, "m")
-        check_finite("tip_depth", self.tip_depth, "m")
-        for name in ("centre", "velocity"):
-            vector3(name, getattr(self, name))
 
     @property
     def mount_depth(self) -> float:
@@ -95,20 +91,18 @@ class SphereLimit(CompiledLimit, Damper):
 
     @property
     def room(self) -> float:
-        """How far the axis may be from the centre to stay inside [m]."""
-        return self.radius - self.instrument.radius
-
-    def check_room(self) -> None:
-        """Check that the shaft fits in.
+        """How far the axis may be from the centre to stay inside [m].
 
         Raises:
-            OptionError: the sphere is too small for it.
+            OptionError: the sphere is too small for the shaft.
         """
-        if not self.room > 0.0:
+        room = self.radius - self.instrument.radius
+        if not room > 0.0:
             raise OptionError(
                 f"radius = {self.radius} m leaves no room for a shaft of radius "
                 f"{self.instrument.radius} m; make the sphere larger"
             )
+        return room
 
 
 def shaft_depth(wrist: Wrist | None, tip_depth: float) -> float:
@@ -126,11 +120,92 @@ def bends(wrist: Wrist | None) -> dict[str, Any]:
     return {"wrist": table.ravel(), "bends": float(len(wrist.joints))}
 
 
-def check_part(part: str) -> None:
-    """Check which part of the instrument a limit is for.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KeepOut(SphereLimit):
+    """Keep the tip, or the whole instrument, out of a sphere.
 
-    Raises:
-        UnknownName: it is none of PARTS.
+    delta >= radius + instrument.radius for the tip, or for the nearest point of the shaft and of
+    each piece of a wrist. With the centre right on the axis every direction is a way out, and the
+    effector's x is taken.
+
+    Attributes:
+        part: ``"shaft"``, from mount to tip, with a wrist's pieces; or ``"tip"``.
     """
-    if part not in PARTS:
-        raise UnknownName("part of the instrument", part, PARTS)
+
+    name: ClassVar[str] = "keep_out"
+
+    part: str = field(default="shaft", metadata=PART)
+
+    @classmethod
+    def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
+        """One limit for each obstacle of an insertion, for tip and shaft."""
+        made = []
+        for i, sphere in enumerate(insertion.obstacles, start=1):
+            given = {"centre": sphere.centre, "radius": sphere.radius, "label": f"obstacle {i}"}
+            made.append(cls(**filled_in(cls, insertion, given | options)))
+        return tuple(made)
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [m/s]; with a wrist, one more for each of its pieces."""
+        first = self.mount_depth if self.part == "shaft" else self.shaft_depth
+        reach = self.radius + self.instrument.radius
+        return self.ball("keep_out", reach, first, **bends(self.instrument.wrist))
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the tip; or of the shaft and a wrist's pieces, by the joint that each begins at."""
+        pieces = self.pieces() if self.part == "shaft" else ()
+        return tuple(f"{self.label}, {part} out" for part in (self.part, *pieces))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KeepIn(SphereLimit):
+    """Keep the tip, or the whole instrument, in a sphere.
+
+    delta <= radius - instrument.radius for the tip, or for both ends of the shaft and of each
+    piece of a wrist: the farthest point of a segment is an end.
+
+    Attributes:
+        part: ``"tip"``, or ``"shaft"``, from mount to tip, with a wrist's pieces.
+    """
+
+    name: ClassVar[str] = "keep_in"
+
+    part: str = field(default="tip", metadata=PART)
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [m/s] for the tip; others for where the pieces of a wrist begin, the mount."""
+        first = self.mount_depth if self.part == "shaft" else self.shaft_depth
+        return self.ball("keep_in", self.room, first, **bends(self.instrument.wrist))
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the tip, of the joints of a wrist, and of the mount."""
+        ends = ("tip", *self.pieces(), "mount") if self.part == "shaft" else ("tip",)
+        return tuple(f"{self.label}, {end} in" for end in ends)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EntrySphere(SphereLimit):
+    """Make the shaft pass through a sphere: the trocar as a tube, not as a point.
+
+    delta <= radius - instrument.radius for the nearest point of the shaft, which ends at the first
+    joint of a wrist. The entry sphere of Marinho et al. 2019.
+
+    Departures: the paper damps the squared distance of the shaft's whole line, without the
+    shaft's radius; here it is the distance itself of the segment from mount to the shaft's end.
+    """
+
+    name: ClassVar[str] = "entry_sphere"
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [m/s]."""
+        return self.ball("entry_sphere", self.room, self.mount_depth)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the one row."""
+        return (f"{self.label}, shaft through",)

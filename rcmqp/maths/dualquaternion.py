@@ -124,16 +124,6 @@ def quaternion_log(r: ArrayLike) -> Array:
     return log
 
 
-def H4_plus(a: ArrayLike) -> Array:
-    """Hamilton operator (4, 4) of a left factor: vec(a b) = H4+(a) vec(b)."""
-    return _contract("ijk,j->ik", _T4, a)
-
-
-def H4_minus(b: ArrayLike) -> Array:
-    """Hamilton operator (4, 4) of a right factor: vec(a b) = H4-(b) vec(a)."""
-    return _contract("ijk,k->ij", _T4, b)
-
-
 # Dual quaternions --------------------------------------------------------------------------
 
 

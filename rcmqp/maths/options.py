@@ -106,6 +106,11 @@ def at_least(least: float, unit: str = "") -> Metadata:
     return _number(f"finite and {least:g} or more", lambda x: least <= x < math.inf, unit)
 
 
+def positive_or_inf(unit: str = "") -> Metadata:
+    """A number above 0, in ``unit``; inf says that there is no limit."""
+    return _number("positive, inf for none", lambda x: x > 0.0, unit)
+
+
 def between(low: float, high: float, unit: str = "") -> Metadata:
     """A number strictly between two others, in ``unit``."""
     return _number(f"between {low:.6g} and {high:.6g}", lambda x: low < x < high, unit)
@@ -114,6 +119,11 @@ def between(low: float, high: float, unit: str = "") -> Metadata:
 def from_to(low: float, high: float, unit: str = "") -> Metadata:
     """A number between two others, or one of them, in ``unit``."""
     return _number(f"from {low:.6g} to {high:.6g}", lambda x: low <= x <= high, unit)
+
+
+def share() -> Metadata:
+    """A number above 0 and at most 1."""
+    return _number("above 0 and at most 1", lambda x: 0.0 < x <= 1.0, "")
 
 
 def finite(unit: str = "") -> Metadata:

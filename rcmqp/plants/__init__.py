@@ -7,8 +7,7 @@ pair, the plant added to PLANTS or by a plug-in.
 
 from __future__ import annotations
 
-from rcmqp.plants.base import Drive, Plant
-from rcmqp.plants.kinematic import Kinematic
+from rcmqp.plants.kinematic import Drive, Kinematic, Plant
 from rcmqp.plants.servo import Servo
 from rcmqp.world.plugins import Registry
 

@@ -1,14 +1,43 @@
-"""The ideal arm: each joint does at once what it is told, and is measured exactly."""
+"""What every plant is, and the ideal one: each joint does at once what it is told."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.plants.base import Drive
 from rcmqp.world.arm import Arm
+
+
+class Drive(Protocol):
+    """The joints of one run.
+
+    Attributes:
+        q: (nq,) where they are: Pinocchio's configuration.
+        v: (nv,) how fast they move now [rad/s].
+    """
+
+    q: Array
+    v: Array
+
+    def measure(self) -> tuple[Array, Array]:
+        """What the controller sees of q (nq,) and v (nv,); to be called once a cycle."""
+
+    def step(self, v: Array) -> None:
+        """Go on for one period with the commanded velocity ``v`` (nv,) [rad/s]."""
+
+
+@runtime_checkable
+class Plant(Protocol):
+    """A kind of joint drives."""
+
+    def start(self, arm: Arm, q: Array, period: float, seed: int) -> Drive:
+        """The joints of ``arm``, at rest at ``q`` (nq,), commanded every ``period`` [s].
+
+        Equal arguments give drives that do the same to the bit.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +53,6 @@ class KinematicDrive:
     """See Drive."""
 
     def __init__(self, arm: Arm, q: Array, period: float) -> None:
-        """At rest at q (nq,)."""
         self.q, self.v = q, np.zeros(arm.nv)
         self._arm, self._period = arm, period
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import at_least, options, or_none, whole
-from rcmqp.plants.base import Drive
+from rcmqp.plants.kinematic import Drive
 from rcmqp.world.arm import Arm
 
 
@@ -59,7 +59,6 @@ class ServoDrive:
     """See Drive."""
 
     def __init__(self, servo: Servo, arm: Arm, q: Array, period: float, seed: int) -> None:
-        """At rest at q (nq,)."""
         self.q, self.v = q, np.zeros(arm.nv)
         self._servo, self._arm, self._period = servo, arm, period
         self._on_the_way = deque(np.zeros(arm.nv) for _ in range(servo.delay))

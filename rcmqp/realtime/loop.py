@@ -29,10 +29,9 @@ from rcmqp.realtime.checks import (
     check_speed,
     check_stamp,
 )
-from rcmqp.realtime.deadlines import Deadlines, Ticks
+from rcmqp.realtime.latency import Deadlines, Ticks
 from rcmqp.realtime.priority import time_waited
-from rcmqp.realtime.recording import Asked, Notes, Recording
-from rcmqp.realtime.report import LoopReport, Stop
+from rcmqp.realtime.report import Asked, CycleRecorder, LoopReport, Notes, Stop
 from rcmqp.realtime.signals import KeptSignals
 from rcmqp.realtime.watchdog import LoopHung, Watchdog
 from rcmqp.references.view import Stamped
@@ -80,7 +79,7 @@ class RealtimeLoop:
         reference_age: float = 0.05,
         lateness: float | None = None,
         hung: float | None = None,
-        record: Recording | None = None,
+        record: CycleRecorder | None = None,
         timing: Deadlines | None = None,
     ) -> None:
         """Arguments as of run_realtime(); ``timing`` is run_realtime()'s own.

@@ -18,8 +18,7 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime import simulated_arm
 from rcmqp.realtime.packets import Packets, Rejected, new_key
 from rcmqp.realtime.priority import real_time_priority
-from rcmqp.realtime.recording import Recording
-from rcmqp.realtime.report import LoopReport
+from rcmqp.realtime.report import CycleRecorder, LoopReport
 from rcmqp.realtime.run import run_realtime
 from rcmqp.realtime.simulated_arm import AT_ONCE, HOST, TOO_OLD, Account, insertion_of
 from rcmqp.references.paths import Circle
@@ -225,7 +224,7 @@ def run_loopback(
     period: float = 1e-3,
     busy: bool = False,
     priority: bool = False,
-    record: Callable[[Controller], Recording | None] = lambda controller: None,
+    record: Callable[[Controller], CycleRecorder | None] = lambda controller: None,
     **options: Any,
 ) -> LoopbackReport:
     """Circles of the tip, by a simulated arm in another process, for ``duration`` [s].

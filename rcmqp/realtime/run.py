@@ -10,21 +10,20 @@ from collections.abc import Callable, Iterator
 from rcmqp.controllers.base import Controller
 from rcmqp.maths.options import allowed, from_to
 from rcmqp.realtime.checks import Halting, LoopFault, Robot, Watching
-from rcmqp.realtime.deadlines import Deadlines
+from rcmqp.realtime.latency import Deadlines
 from rcmqp.realtime.loop import HOLD, WARM_UP, RealtimeLoop
-from rcmqp.realtime.recording import Recording
-from rcmqp.realtime.report import LoopReport
+from rcmqp.realtime.report import CycleRecorder, LoopReport
 from rcmqp.realtime.watchdog import LoopHung
 from rcmqp.references.view import Stamped
 
 __all__ = [
     "HOLD",
     "WARM_UP",
+    "CycleRecorder",
     "Halting",
     "LoopFault",
     "LoopHung",
     "RealtimeLoop",
-    "Recording",
     "Robot",
     "Stamped",
     "Watching",
@@ -42,7 +41,7 @@ def run_realtime(
     lateness: float | None = None,
     hung: float | None = None,
     spin: float = 200e-6,
-    record: Recording | None = None,
+    record: CycleRecorder | None = None,
     clock: Callable[[], float] = time.perf_counter,
     sleep: Callable[[float], None] = time.sleep,
 ) -> LoopReport:

@@ -52,7 +52,6 @@ class Governor:
     recovery: float = field(default=2.0, metadata=positive("s"))
 
     def __post_init__(self) -> None:
-        """Check that a path is slowed before it stops."""
         if not self.free < self.stop:
             raise OptionError(f"free = {self.free} m, it must be below stop = {self.stop} m")
 

@@ -1,8 +1,17 @@
 """The paper's path planner: from where the effector is to a far view, always through the RCM.
 
 Section III-C. Every pose that obeys the RCM is x_rcm r (1 + eps t_z k / 2): a rotation about
-the trocar, then a translation along the shaft. The planner brings the starting pose into that
-form, (7)-(8), and moves rotation and depth in N + 1 equal parts, (9)-(11).
+the trocar, then a translation along the shaft. The planner brings the starting pose x_l into that
+form, (7)-(8): it keeps the rotation, r_l = P(x_rcm* x_l), and of translation((x_rcm r_l)* x_l) the
+part t_l along the shaft; the trocar's two offsets from the shaft are dropped. Then it moves
+rotation and depth in N + 1 equal parts:
+
+    r_inc = exp(log(r_l* r_d) / (N + 1)),   t_inc = (t_d - t_l) / (N + 1)      (9), (10)
+    c(m)  = r_l r_inc^m (1 + eps (t_l + m t_inc) k / 2),   m = 0 .. N + 1      (11)
+
+Mended: for (x_rcm r_l)* x_l the paper prints x_rcm^l, which gives another vector; for c(m) it
+prints c(i); t_inc, printed as a power, is multiplied by m; m runs from 0, the start, not 1. The
+sign of r_d is chosen so that the turn is the short way round.
 """
 
 from __future__ import annotations
@@ -23,59 +32,6 @@ FAR_ANGLE = 0.01
 
 FAR_DEPTH = 1e-3
 """A reference that goes in or out further than this is planned [m]."""
-
-
-def constrain(x_rcm: ArrayLike, x: ArrayLike) -> tuple[Array, float]:
-    """Rotation r_rcm (4,) and depth t_z [m] of the pose nearest to x that obeys the RCM.
-
-    Equations (7) and (8). The rotation is kept; of the translation along the shaft's own axes,
-
-        t_rcm = translation((x_rcm r_rcm)* x),
-
-    the two lateral components, which are the trocar's offsets from the shaft, are dropped.
-
-    Mended: the paper prints x_rcm^l in that line, which gives another vector.
-
-    Args:
-        x_rcm: (8,) pose at the trocar, x_d(0).
-        x: (8,) the effector's pose.
-    """
-    r = dq.P(dq.mul(dq.conj(x_rcm), x))
-    t = dq.translation(dq.mul(dq.conj(dq.mul(x_rcm, dq.from_rotation(r))), x))
-    return r, float(t[2])
-
-
-def plan(x_rcm: ArrayLike, x: ArrayLike, x_d: ArrayLike, points: int) -> Array:
-    """Poses (N + 2, 8) from x to x_d by way of N points, each of them through the RCM.
-
-        r_inc = exp(log(r_l* r_d) / (N + 1))                            (9)
-        t_inc = (t_d - t_l) / (N + 1)                                   (10)
-        c(m)  = r_l r_inc^m (1 + eps (t_l + m t_inc) k / 2)             (11)
-
-    and the poses are x_rcm c(m), m = 0 .. N + 1.
-
-    Mended: c(i) is c(m); t_inc, printed as a power, is multiplied by m; m runs from 0, the
-    start, not 1. The sign of r_d is chosen so that the turn is the short way round.
-
-    Args:
-        x_rcm: (8,) pose at the trocar, x_d(0).
-        x: (8,) start; brought to the nearest pose that obeys the RCM, which is the first pose.
-        x_d: (8,) end; likewise, and the last pose.
-        points: N, at least 1.
-
-    Raises:
-        InvalidCommand: a pose is not a unit dual quaternion.
-        OptionError: points is less than 1.
-    """
-    points = allowed("points", points, whole(1))
-    x_rcm, x, x_d = (
-        dq.check_unit(pose, what) for pose, what in ((x_rcm, "x_rcm"), (x, "x"), (x_d, "x_d"))
-    )
-    r_l, t_l = constrain(x_rcm, x)
-    r_d, t_d = constrain(x_rcm, dq.align_sign(x_d, x))
-    part = np.arange(points + 2) / (points + 1)
-    r = dq.quaternion_mul(r_l, dq.quaternion_exp(part[:, None] * _log_turn(r_l, r_d)))
-    return _constrained_pose(x_rcm, r, t_l + part * (t_d - t_l))
 
 
 class Part(NamedTuple):
@@ -101,7 +57,7 @@ class Part(NamedTuple):
 class Planner:
     """Feeds a far reference to the controller in N + 1 equal parts, one a cycle.
 
-    A reference near the last one passes through. A far one is approached along plan(), from
+    A reference near the last one passes through. A far one is approached in equal parts from
     the last reference, so that no tracking error runs back into the reference; or, as the paper
     has it, from the measured pose, where step() is given that. While a target moves a little
     each cycle, what remains is divided anew; a target that stands still is reached in equal
@@ -163,14 +119,3 @@ class Planner:
                 FAR_DEPTH,
             )
         )
-
-
-def _log_turn(r_l: Array, r_d: Array) -> Array:
-    """log(r_l* r_d) (3,): half of the turn between two rotations, in turned axes."""
-    return dq.quaternion_log(dq.quaternion_mul(dq.quaternion_conj(r_l), r_d))
-
-
-def _constrained_pose(x_rcm: Array, r: Array, depth: Array) -> Array:
-    """x_rcm r (1 + eps t_z k / 2) (..., 8) of rotations r (..., 4) and depths (...) [m]."""
-    shift = dq.from_translation(np.stack([0.0 * depth, 0.0 * depth, depth], axis=-1))
-    return dq.mul(x_rcm, dq.mul(dq.from_rotation(r), shift))

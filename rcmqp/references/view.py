@@ -43,7 +43,6 @@ class ViewCommand:
     t_z_dot: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is not a number."""
         total = self.alpha + self.beta + self.gamma + self.t_z
         total += self.alpha_dot + self.beta_dot + self.gamma_dot + self.t_z_dot
         if not math.isfinite(total) and not all(map(math.isfinite, astuple(self))):

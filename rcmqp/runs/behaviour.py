@@ -1,8 +1,4 @@
-"""What a controller does over time: joints that turn round, and how a run comes to rest.
-
-A controller may be right in every cycle and still swing for ever. These measures tell. They are
-computed a part of a run at a time, and the size of the parts does not matter, to the bit.
-"""
+"""What a controller does over time: joints that turn round, smoothness, how it comes to rest."""
 
 from __future__ import annotations
 
@@ -13,7 +9,62 @@ import numpy as np
 
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.runs.head import Rows
+from rcmqp.runs.head import Column
+
+
+def sparc(speed: Array, period: float, *, cutoff: float = 10.0, threshold: float = 0.05) -> float:
+    """Spectral arc length of a speed profile; smoother is nearer to zero (about -1.4 at best).
+
+    The length of the normalised amplitude spectrum's curve up to the frequency where it falls
+    below ``threshold``, at most ``cutoff``, negative (Balasubramanian, Melendez-Calderon, Roby-
+    Brami and Burdet 2015).
+
+    Args:
+        speed: (n,) not negative.
+        period: between samples [s].
+        cutoff: [Hz].
+        threshold: share of the largest amplitude.
+
+    Returns:
+        NaN below three samples, and where one is missing.
+    """
+    if _too_little(speed):
+        return math.nan
+    if not speed.any():
+        return 0.0
+    points = 2 ** (math.ceil(math.log2(len(speed))) + 4)
+    amplitude = np.abs(np.fft.rfft(speed, points))
+    frequency = np.fft.rfftfreq(points, period)
+    amplitude = (amplitude / amplitude.max())[frequency <= cutoff]
+    frequency = frequency[frequency <= cutoff]
+    last = int(np.flatnonzero(amplitude >= threshold)[-1]) + 1
+    amplitude, frequency = amplitude[:last], frequency[:last]
+    if last < 2:
+        return 0.0
+    along = np.diff(frequency) / (frequency[-1] - frequency[0])
+    return -float(np.sum(np.hypot(along, np.diff(amplitude))))
+
+
+def log_dimensionless_jerk(speed: Array, period: float) -> float:
+    """LDLJ of a speed profile (n,): -ln(T^3 / v_max^2  integral of v''^2 dt); larger is smoother.
+
+    Hogan and Sternad 2009, on the speed as Balasubramanian et al. 2015 have it. The derivative
+    amplifies what is noise or chatter, so it tells apart commands that SPARC does not. NaN below
+    three samples, and where one is missing.
+    """
+    if _too_little(speed):
+        return math.nan
+    peak = float(speed.max())
+    if peak == 0.0:
+        return 0.0
+    jerk = np.diff(speed, 2) / period**2
+    duration = period * (len(speed) - 1)
+    return -math.log(max(duration**3 / peak**2 * float(np.sum(jerk**2)) * period, 1e-300))
+
+
+def _too_little(speed: Array) -> bool:
+    return speed.size < 3 or not np.isfinite(speed).all()
+
 
 TURNING = 0.01
 """Share of its speed limit that a joint must exceed before and after it turns round."""
@@ -55,7 +106,7 @@ class Standstill:
         return max(self.reference, self.trocar)
 
 
-def standstill(x_d: Rows, pivot: Rows) -> Standstill:
+def standstill(x_d: Column, pivot: Column) -> Standstill:
     """Find when a run's reference and trocar stop, from the end backwards.
 
     Args:
@@ -77,7 +128,7 @@ def standstill(x_d: Rows, pivot: Rows) -> Standstill:
     return Standstill(n, reference, trocar)
 
 
-def turns(v: Array, limit: Array) -> Array:
+def reversals(v: Array, limit: Array) -> Array:
     """Whether each joint turns round from a row to the next, (n - 1, nv).
 
     It does where v_k v_(k-1) < 0 and both are above TURNING times the speed limit.
@@ -94,7 +145,7 @@ def streaks(turned: Array, before: Array) -> Array:
     """How often in a row each joint has turned round, counted at each row (m, nv).
 
     Args:
-        turned: (m, nv) whether it turns round, see turns().
+        turned: (m, nv) whether it turns round, see reversals().
         before: (nv,) how often in a row it has, before the first of these rows.
     """
     count = np.arange(1, len(turned) + 1)[:, None]
@@ -124,7 +175,7 @@ class Behaviour:
     With k_r the row ``stop.reference``, k_s the row ``stop.both``, T the period:
 
     - ``reversals_in_a_row`` is the most rows in a row in which the same joint turns round, see
-      turns(); ``reversals`` are the rows in which any joint does.
+      reversals(); ``reversals`` are the rows in which any joint does.
     - ``step_ratio_max`` is the largest |v_k - v_(k-1)| / limit; before the run v is 0.
     - ``swing_ratio_end`` is the largest (max v - min v) / limit of a joint over the last second,
       or over the rows from k_s on if they are fewer.
@@ -202,7 +253,7 @@ class Behaviour:
         if not self._v.size:
             self._v, self._streak = np.zeros_like(v[0]), np.zeros(v.shape[1], dtype=int)
         chain = np.concatenate([self._v[None], v])
-        turned = turns(chain, limit)
+        turned = reversals(chain, limit)
         counts = streaks(turned, self._streak)
         self._reversals += int(turned.any(axis=1).sum())
         self._in_a_row = max(self._in_a_row, int(counts.max()))

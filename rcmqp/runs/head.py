@@ -50,7 +50,7 @@ class Named(Protocol):
     def options(self) -> Mapping[str, Any]: ...  # noqa: D102
 
 
-class Rows(Protocol):
+class Column(Protocol):
     """An array, or a dataset of a file, which is read as it is sliced."""
 
     @property
@@ -82,7 +82,7 @@ class Head:
         """The scenario as the file has it; files without an arm name it by its path."""
         return self.scenario if self.arm is None else self.scenario.portable()
 
-    def digest(self, arrays: Mapping[str, Rows], block: int) -> str:
+    def digest(self, arrays: Mapping[str, Column], block: int) -> str:
         """SHA-256 over arrays, read ``block`` rows at a time, and head; versions do not count.
 
         Neither does ``path_time`` if it is ``time``, nor jerk limits that are all infinite: files
@@ -226,7 +226,7 @@ class Head:
         file.attrs["digest"] = digest
 
 
-def _equal(a: Rows, b: Rows, block: int) -> bool:
+def _equal(a: Column, b: Column, block: int) -> bool:
     """Whether all rows are the same, read ``block`` of them at a time."""
     return a.shape == b.shape and all(
         np.array_equal(a[first : first + block], b[first : first + block])

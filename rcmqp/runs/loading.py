@@ -16,14 +16,13 @@ from rcmqp.files import absent, why
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.head import Head, opened
-from rcmqp.runs.port import at_port, with_instrument
+from rcmqp.runs.moved import at_port, with_instrument
 from rcmqp.runs.scenario import DEFAULT_ARM, Scenario
 from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import arm_names
-from rcmqp.world.own_module import module_of_file
-from rcmqp.world.plugins import distribution, load, points
+from rcmqp.world.plugins import distribution, load, module_of_file, points
 from rcmqp.world.port import Port
 
 RUN_FILE = ".h5"

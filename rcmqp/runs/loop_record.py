@@ -42,7 +42,7 @@ TIMES = {
 """Diagnostics that the loop adds to the controller's own."""
 
 
-class Row(NamedTuple):
+class LoopRow(NamedTuple):
     """One cycle, as the loop left it.
 
     Attributes:
@@ -67,8 +67,8 @@ class Row(NamedTuple):
     stop: str
 
 
-class Rows:
-    """How a Row is written as bytes."""
+class RowFormat:
+    """How a LoopRow is written as bytes."""
 
     def __init__(self, nq: int, nv: int, names: Sequence[str]) -> None:
         """``names`` are those of the diagnostics."""
@@ -76,7 +76,7 @@ class Rows:
         self._head = struct.Struct(f"<Q{2 + len(self.names)}d")
         self.sizes = (nq, nv, 8, 3, nv)
 
-    def pack(self, row: Row) -> bytes:
+    def pack(self, row: LoopRow) -> bytes:
         """The bytes of a row."""
         text, numbers = row.stop.encode(), row.diagnostics.get
         head = self._head.pack(
@@ -84,7 +84,7 @@ class Rows:
         )
         return b"".join([head, *[array.tobytes() for array in row[3:8]], text])
 
-    def read(self, stream: IO[bytes]) -> Row | None:
+    def read(self, stream: IO[bytes]) -> LoopRow | None:
         """The next row; None where the stream has ended, be it in the midst of one."""
         size = self._head.size + 8 * sum(self.sizes)
         if len(data := stream.read(size)) < size:
@@ -94,7 +94,7 @@ class Rows:
         if len(text := stream.read(length)) < length:
             return None
         numbers = dict(zip(self.names, values, strict=True))
-        return Row._make((time, solve_time, numbers, *arrays, text.decode()))
+        return LoopRow._make((time, solve_time, numbers, *arrays, text.decode()))
 
 
 class LoopRecorder:
@@ -164,7 +164,7 @@ class LoopRecorder:
             "diagnostics": about,
             "versions": versions(),
         }
-        self._packing = Rows(insertion.arm.nq, insertion.arm.nv, list(about))
+        self._packing = RowFormat(insertion.arm.nq, insertion.arm.nv, list(about))
         self._rows: deque[bytes] = deque()
         self._taken, self._fault = 0, ""
         self._closing = threading.Event()
@@ -208,7 +208,7 @@ class LoopRecorder:
         stop: str,
         solve_time: float,
     ) -> None:
-        """Take a cycle; see realtime.recording.Recording. It never raises.
+        """Take a cycle; see CycleRecorder. It never raises.
 
         Args:
             due: when the cycle was due [s].
@@ -230,7 +230,7 @@ class LoopRecorder:
             pose = np.asarray(x_d, dtype=float)
             if pose.shape != (8,):
                 pose = np.full(8, nan)
-            row = Row(due, solve_time, numbers, *reading, pose, pivot, v, stop)
+            row = LoopRow(due, solve_time, numbers, *reading, pose, pivot, v, stop)
             self._rows.append(self._packing.pack(row))
             self._taken += 1
         except Exception as error:  # noqa: BLE001  (the arm comes first)
@@ -253,7 +253,7 @@ class LoopRecorder:
             self._thread.join()
         nothing = [np.full(size, nan) for size in self._packing.sizes]
         why = fault or (self._fault and f"recorded until here only: {self._fault}")
-        end = Row._make((nan, nan, {}, *nothing, why))
+        end = LoopRow._make((nan, nan, {}, *nothing, why))
         self._write(self._packing.pack(end))
         answer = self._answer()
         self._end()

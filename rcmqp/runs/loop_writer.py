@@ -1,6 +1,6 @@
 """The process that writes the file of a real-time loop; LoopRecorder starts it.
 
-It reads a header, a line of JSON, and then rows, see loop_record.Rows, from stdin; it writes a
+It reads a header, a line of JSON, and then rows (RowFormat) from stdin; it writes a
 line of JSON to stdout when it is ready, and another one when the file is whole or cannot be.
 """
 
@@ -20,7 +20,7 @@ import numpy as np
 from rcmqp.controllers.given import Given
 from rcmqp.errors import RunFileError
 from rcmqp.references.paths import Foreign
-from rcmqp.runs.loop_record import PATH, Row, Rows
+from rcmqp.runs.loop_record import PATH, LoopRow, RowFormat
 from rcmqp.runs.recorder import Recorder
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.insertion import Insertion
@@ -60,7 +60,7 @@ def write(stream: IO[bytes]) -> int:
         {name: (unit, meaning) for name, (unit, meaning) in about.items()},
         insertion,
     )
-    rows = Rows(insertion.arm.nq, insertion.arm.nv, list(about))
+    rows = RowFormat(insertion.arm.nq, insertion.arm.nv, list(about))
     recorder = Recorder(header["path"], scenario, known, header["versions"], block=BLOCK)
     with recorder:
         say(ready=True)
@@ -75,7 +75,7 @@ class Keeper:
         self._q = insertion.q_start
         self._count, self._time, self._followed = 0, -1.0, 0.0
 
-    def keep(self, stream: IO[bytes], rows: Rows) -> int:
+    def keep(self, stream: IO[bytes], rows: RowFormat) -> int:
         """Append all that come, the last one marked if the loop did not come to rest by itself."""
         waiting, reason = None, KILLED
         while (row := rows.read(stream)) is not None:
@@ -92,7 +92,7 @@ class Keeper:
         self._say_how_long()
         return self._count
 
-    def _append(self, row: Row) -> None:
+    def _append(self, row: LoopRow) -> None:
         if np.isfinite(row.q).all():
             self._q = row.q
         if not row.stop:

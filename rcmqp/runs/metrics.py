@@ -3,24 +3,122 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from rcmqp import _kernel
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import Steered
 from rcmqp.references.paths import Foreign
 from rcmqp.runs.behaviour import Behaviour, Standstill, standstill
-from rcmqp.runs.contour import Contour
-from rcmqp.runs.extent import Extent
-from rcmqp.runs.jerk import JerkRatio
+from rcmqp.runs.channels import PART
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.obstacles import clearance
+
+
+class Extent:
+    """How far numbers go.
+
+    Attributes:
+        count: how many there were.
+        low, high: least and largest; NaN where one was.
+        squares: the sum of their squares.
+    """
+
+    def __init__(self) -> None:
+        self.count, self.low, self.high, self.squares = 0, math.inf, -math.inf, 0.0
+
+    def add(self, values: Array) -> None:
+        """Take some more, of any shape."""
+        if values.size:
+            self.count += values.size
+            self.low = float(np.minimum(self.low, values.min()))
+            self.high = float(np.maximum(self.high, values.max()))
+            self.squares += float(np.sum(np.square(values)))
+
+    @property
+    def mean_square(self) -> float:
+        """Of all of them; NaN without any."""
+        return self.squares / self.count if self.count else math.nan
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square."""
+        return math.sqrt(self.mean_square)
+
+
+class JerkRatio:
+    """Takes the parts of a run one after the other; their sizes do not matter, to the bit."""
+
+    def __init__(self) -> None:
+        self._last: Array | None = None
+
+    def of(self, part: Run) -> Array:
+        """|v_k - 2 v_{k-1} + v_{k-2}| / (T^2 jerk limit) of the worst joint in each cycle (n,).
+
+        v is zero before the run.
+        """
+        before = np.zeros((2, part.v.shape[1])) if self._last is None else self._last
+        v = np.concatenate([before, part.v])
+        self._last = v[-2:]
+        jerk = np.abs(v[2:] - 2.0 * v[1:-1] + v[:-2]) / part.period**2
+        return np.asarray((jerk / part.jerk_limit).max(axis=-1))
+
+
+class Contour:
+    """The curve that the tip was asked to draw in a run, which the run's parts are compared with.
+
+    The curve has straight lines between the sampling instants. It is seen from the trocar, in axes
+    parallel to the world's, so that a trocar that moves takes it along. All of it is in memory, 40
+    bytes a cycle.
+    """
+
+    def __init__(self, run: Recording) -> None:
+        """Read the curve; an instant at which it is not finite stays where it was before."""
+        desired, pivot = run.column("tip_d"), run.column("pivot")
+        n = desired.shape[0]
+        self._curve = np.empty((n, 3))
+        for first in range(0, n, PART):
+            rows = slice(first, first + PART)
+            self._curve[rows] = desired[rows] - pivot[rows]
+        finite = np.isfinite(self._curve).all(axis=1)
+        if not finite.all():
+            before = np.maximum.accumulate(np.where(finite, np.arange(n), int(finite.argmax())))
+            self._curve = self._curve[before]
+        self._along = np.zeros(n)
+        for first in range(1, n, PART):
+            steps = np.diff(self._curve[first - 1 : first + PART], axis=0)
+            self._along[first : first + PART] = np.linalg.norm(steps, axis=1)
+        np.cumsum(self._along, out=self._along)
+        self._path_time = np.asarray(run.column("path_time")[0:n])
+        self._done = self._reached = 0
+
+    def measure(self, part: Run) -> dict[str, Array]:
+        """Compare the run's next part with the curve.
+
+        Returns:
+            ``contour``: (n,) distance of the tip from the nearest point of the whole curve [m],
+            to a picometre.
+            ``lag``: (n,) how late the tip is [s]: the time less the path's time at the instant
+            whose desired tip is nearest. Only instants up to now count, and none before the one
+            found last; of several that are equally near, the last. Both are NaN where the tip is.
+        """
+        tip = part.tip - part.pivot
+        contour, reached = _kernel.contour(
+            tip, self._curve, self._along, self._done, self._reached
+        )
+        rows = reached.astype(int)
+        self._done, self._reached = self._done + len(rows), int(rows[-1])
+        lag = part.time - self._path_time[rows]
+        return {"contour": contour, "lag": np.where(np.isnan(contour), np.nan, lag)}
+
 
 SATURATED = 1.0 - 1e-6
 """Share of a limit from which on a joint counts as saturated."""

@@ -15,7 +15,7 @@ from rcmqp.controllers.given import UNKNOWN, Given
 from rcmqp.errors import ArmError, InsertionError, OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.channels import CHANNELS, EARLIER, FIXED, NOT_IN_DIGEST, PART, ROWS, Channels
-from rcmqp.runs.head import Head, Rows, check_digest, opened
+from rcmqp.runs.head import Column, Head, check_digest, opened
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.untrusted import StoredRows, reading, text
 from rcmqp.runs.writer import writing
@@ -55,7 +55,6 @@ class Run(Channels):
     """What the arm was made of; a file of an earlier version has not got it."""
 
     def __post_init__(self) -> None:
-        """Protect the arrays."""
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
             array.setflags(write=False)
 
@@ -217,7 +216,7 @@ class Run(Channels):
                 within(self.stops, rows),
             )
 
-    def column(self, name: str) -> Rows:
+    def column(self, name: str) -> Column:
         """A channel with a row for each cycle."""
         return self.rows()[name]
 

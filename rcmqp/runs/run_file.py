@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
 from rcmqp.runs.channels import NOT_IN_DIGEST, PART
-from rcmqp.runs.head import Head, Rows, check_digest, opened
+from rcmqp.runs.head import Column, Head, check_digest, opened
 from rcmqp.runs.run import Run, stored_channel, within
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Recording(Protocol):
     def parts(self) -> Iterator[Run]:
         """The run, one part after the other."""
 
-    def column(self, name: str) -> Rows:
+    def column(self, name: str) -> Column:
         """A channel with a row for each cycle."""
 
 
@@ -79,7 +79,6 @@ class RunFile:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the file."""
         self._open.close()
 
     @property
@@ -102,6 +101,6 @@ class RunFile:
                 within(self._run.stops, rows),
             )
 
-    def column(self, name: str) -> Rows:
+    def column(self, name: str) -> Column:
         """See Recording."""
         return stored_channel(self._file, name)

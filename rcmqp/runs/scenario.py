@@ -36,7 +36,7 @@ from rcmqp.references.operators.camera_task import AHEAD
 from rcmqp.references.paths import PATHS, Foreign, Path, views_of
 from rcmqp.references.planner import Planner
 from rcmqp.references.view import Reference, carried, view_pose
-from rcmqp.runs.printable import shortened
+from rcmqp.runs.untrusted import shortened
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.carried import CarriedArm, own_name
@@ -171,7 +171,6 @@ class Scenario:
     carried_arm: CarriedArm | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check what concerns several options at once."""
         if self.cycles > MOST_CYCLES:
             raise OptionError(
                 f"duration = {self.duration} s has {self.cycles} periods of {self.period} s; a "
@@ -219,7 +218,6 @@ class Scenario:
         return cls.of(name, insertion, path, **({"limits": limits} | fields))
 
     def __str__(self) -> str:
-        """The name, and the arm."""
         return f"{self.name} on {own_name(self.arm)}"
 
     @property

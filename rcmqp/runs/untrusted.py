@@ -1,4 +1,4 @@
-"""HDF5 files that anybody may have made: bounded and checked before a number is read."""
+"""What anybody may have made: HDF5 files, checked before a number is read; text, made harmless."""
 
 from __future__ import annotations
 
@@ -6,15 +6,47 @@ import contextlib
 import json
 import math
 import os
+import unicodedata
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rcmqp.errors import RcmqpError, RunFileError
-from rcmqp.runs.printable import shortened
 
 if TYPE_CHECKING:
     import h5py
+
+MOST_LETTERS = 1000
+"""Letters of an error message that are printed."""
+
+_UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control, format (bidi), surrogates, separators
+
+
+def printable(text: str) -> str:
+    r"""Write control characters as escapes; tabs and line ends stay as they are.
+
+    A terminal runs escape sequences: a name with ``\x1b[2J`` in it would clear the screen.
+    """
+    return "".join(x if x in "\n\t" else _seen(x) for x in text)
+
+
+def one_line(text: str) -> str:
+    """Write every control character as an escape, line ends too: for names."""
+    return "".join(map(_seen, text))
+
+
+def shortened(text: str, most: int = MOST_LETTERS) -> str:
+    """The text, or its beginning and end if it is longer than ``most`` letters."""
+    if len(text) <= most:
+        return text
+    return f"{text[: most - 100]} [... {len(text) - most} letters ...] {text[-100:]}"
+
+
+def _seen(x: str) -> str:
+    if (x.isascii() and x.isprintable()) or unicodedata.category(x) not in _UNSEEN:
+        return x
+    return x.encode("unicode_escape").decode("ascii")
+
 
 MOST_TEXT = 16_000_000
 """Bytes of a text in a file, such as the scenario."""
@@ -86,7 +118,6 @@ class StoredRows:
         return self._dataset.dtype
 
     def __getitem__(self, rows: Any, /) -> Any:
-        """As the dataset gives them."""
         with reading(self._dataset.file.filename, self._dataset.name.lstrip("/")):
             found = self._dataset[rows]
             if self._allow != "anything":

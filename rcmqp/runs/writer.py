@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rcmqp.errors import OptionError, RunFileError
-from rcmqp.files import whole
+from rcmqp.files import whole_file
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.channels import CHANNELS, FIXED, NOT_IN_DIGEST, PART, about_diagnostic
 from rcmqp.runs.head import CHECKED, Head, check_replaceable
@@ -119,7 +119,7 @@ def writing(path: str | os.PathLike[str], block: int = PART) -> Iterator[RunWrit
 
     check_replaceable(path)
     # no cache of chunks: HDF5 2.0 dies flushing it on a full disk
-    with whole(path) as part, h5py.File(part, "w", rdcc_nbytes=0) as file:
+    with whole_file(path) as part, h5py.File(part, "w", rdcc_nbytes=0) as file:
         writer = RunWriter(file, Path(path), block)
         yield writer
         writer.finish()

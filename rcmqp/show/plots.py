@@ -16,12 +16,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.files import whole
+from rcmqp.files import whole_file
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.run import Run
-from rcmqp.show.labels import run_labels, run_marks
-from rcmqp.show.palette import colour, dash
+from rcmqp.show.labels import colour, dash, run_labels, run_marks
 from rcmqp.world.loading import arm_title
 
 FLOOR_MM = 1e-13
@@ -197,7 +196,7 @@ def save_figure(
     paths = [stem.with_name(f"{stem.name}{ending}") for ending in endings]
     for target in paths:
         about = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(target.suffix, {})
-        with whole(target) as part, matplotlib.rc_context(FONTS):
+        with whole_file(target) as part, matplotlib.rc_context(FONTS):
             figure.savefig(part, dpi=dpi, metadata=about)
     return paths
 

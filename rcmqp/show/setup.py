@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from rcmqp.references.paths.tip_trace import TipTrace
+from rcmqp.references.paths.traces import TipTrace
 from rcmqp.runs.head import Head
 from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist
 from rcmqp.world.motions import Sampled

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmqp.runs.behaviour import log_dimensionless_jerk, sparc
 from rcmqp.runs.measures import until
 from rcmqp.runs.metrics import ROUNDING, compute_metrics
 from rcmqp.runs.run import Run
-from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
 from rcmqp.runs.vocabulary import MEASURES, meanings
 from rcmqp.show.labels import (
     GIVEN,

@@ -9,15 +9,16 @@ from __future__ import annotations
 from typing import Any
 
 from rcmqp.tasks.base import Residual, Task, Together, check_name
-from rcmqp.tasks.depth import DepthTask
-from rcmqp.tasks.direction import DirectionTask
-from rcmqp.tasks.objective import ObjectiveTask
-from rcmqp.tasks.orientation import OrientationTask
-from rcmqp.tasks.pose import PoseTask
-from rcmqp.tasks.posture import PostureTask
+from rcmqp.tasks.objectives import ObjectiveTask, PostureTask
+from rcmqp.tasks.placement import (
+    DepthTask,
+    DirectionTask,
+    OrientationTask,
+    PoseTask,
+    RollTask,
+    TipTask,
+)
 from rcmqp.tasks.rcm import RcmTask
-from rcmqp.tasks.roll import RollTask
-from rcmqp.tasks.tip import TipTask
 from rcmqp.world.insertion import Insertion
 
 TASKS: dict[str, type[Task]] = {

@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from rcmqp._kernel import Block, frozen, record
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import check, or_none, positive, refused, rule
 from rcmqp.qp.levels import Level
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.references.view import Reference
@@ -87,6 +88,13 @@ DAMPINGS = 1e-6, 1e3
 """Least and largest damping of a level that is not strict: beyond them rounding decides."""
 
 
+def _damping(name: str, value: float) -> float:
+    low, high = DAMPINGS
+    if not (value == 0.0 or low <= value <= high):
+        raise refused(name, value, f"0 for a strict level, or from {low:g} to {high:g}")
+    return value
+
+
 def block_of(item: object) -> Block | None:
     """The compiled rows of a task or a limit, or value of an objective; None without any.
 
@@ -125,21 +133,13 @@ class Task(abc.ABC):
     name: ClassVar[str] = "task"
     unit: ClassVar[str] = ""
 
-    gain: float = 60.0
-    weight: float = 1.0
-    damping: float | None = None
+    gain: float = field(default=60.0, metadata=positive("1/s"))
+    weight: float = field(default=1.0, metadata=positive())
+    damping: float | None = field(default=None, metadata=or_none(rule(_damping)))
 
     def __post_init__(self) -> None:
-        """Check gain, weight and damping."""
-        check_positive("gain", self.gain, "1/s")
-        check_positive("weight", self.weight)
-        if self.damping is not None and self.damping != 0.0:
-            low, high = DAMPINGS
-            if not low <= self.damping <= high:
-                raise OptionError(
-                    f"damping = {self.damping}; it must be 0 for a strict level, or from {low:g} "
-                    f"to {high:g}"
-                )
+        """Check every option by its rule."""
+        check(self)
 
     @property
     def speed_damping(self) -> float:
@@ -200,6 +200,11 @@ class CompiledTask(Task):
     @abc.abstractmethod
     def block(self) -> Block | None:
         """The rows, made once of the options."""
+
+    def __post_init__(self) -> None:
+        """Make the rows now: what was given may be written to later."""
+        super().__post_init__()
+        _ = self.block
 
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error, Jacobian and drift at ``state``."""
@@ -265,14 +270,13 @@ def filled_in(
         "tip_depth": insertion.tip_depth,
         "wrist": insertion.arm.wrist,
     }
-    fields = [field for field in dataclasses.fields(cls) if field.init]
-    found = {field.name: known[field.name] for field in fields if field.name in known}
+    fields = [item for item in dataclasses.fields(cls) if item.init]
+    found = {item.name: known[item.name] for item in fields if item.name in known}
     found.update(options)
     missing = [
-        field.name
-        for field in fields
-        if field.name not in found
-        and field.default is field.default_factory is dataclasses.MISSING
+        item.name
+        for item in fields
+        if item.name not in found and item.default is item.default_factory is dataclasses.MISSING
     ]
     if missing:
         raise OptionError(f"{cls.__name__} needs {' and '.join(missing)}; give a value for each")
@@ -287,29 +291,7 @@ def check_name(kind: str, name: str, registry: Mapping[str, type], options: Iter
     """
     if name not in registry:
         raise UnknownName(kind, name, registry)
-    known = [field.name for field in dataclasses.fields(registry[name]) if field.init]
+    known = [item.name for item in dataclasses.fields(registry[name]) if item.init]
     for option in options:
         if option not in known:
             raise UnknownName(f"option of {name}", option, known)
-
-
-def check_positive(name: str, value: float, unit: str = "") -> None:
-    """Refuse what is not a positive, finite number.
-
-    Raises:
-        OptionError: with the name and the value.
-    """
-    if not 0.0 < value < math.inf:
-        given = f"{name} = {value} {unit}".rstrip()
-        raise OptionError(f"{given}; it must be positive and finite")
-
-
-def check_finite(name: str, value: float, unit: str = "") -> None:
-    """Refuse NaN and infinity.
-
-    Raises:
-        OptionError: with the name and the value.
-    """
-    if not math.isfinite(value):
-        given = f"{name} = {value} {unit}".rstrip()
-        raise OptionError(f"{given}; it must be a finite number")

@@ -1,7 +1,8 @@
-"""Secondary objectives c(theta) of equation (4), and their gradients J_c.
+"""What joints do with the freedom that is left: a posture, or an objective's ascent.
 
-Each is better the larger it is. Singular values are those of the effector's geometric Jacobian
-as it stands, in metres and radians: the number depends on that choice of units.
+The objectives c(theta) of equation (4) are better the larger they are. Singular values are those
+of the effector's geometric Jacobian as it stands, in metres and radians: the number depends on
+that choice of units.
 """
 
 from __future__ import annotations
@@ -9,13 +10,82 @@ from __future__ import annotations
 import abc
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import finite, positive
+from rcmqp.references.view import Reference
+from rcmqp.tasks.base import CompiledTask, Residual, block_of
 from rcmqp.world.arm import Arm, ArmState
+from rcmqp.world.insertion import Insertion
+
+
+@dataclass(frozen=True, eq=False)
+class PostureTask(CompiledTask):
+    """Bring the joints to a posture: e = angles - posture, de/dt = v.
+
+    made_for() takes the posture at the start and asks the model which joints are continuous.
+
+    Attributes:
+        posture: (nv,) joint angles [rad] or [m]; copied.
+        continuous: (nv,) which joints turn without end and take the short way round; none, if
+            not given.
+
+    Raises:
+        OptionError: the posture is not finite, or the two differ in size.
+    """
+
+    name: ClassVar[str] = "posture"
+    unit: ClassVar[str] = "rad"
+
+    damping: float | None = field(default=0.0, kw_only=True)
+
+    posture: ArrayLike
+    continuous: ArrayLike = ()
+
+    def __post_init__(self) -> None:
+        """Check the posture and copy it into the block."""
+        posture, continuous = np.array(self.posture, dtype=float), np.array(self.continuous)
+        if posture.ndim != 1 or not posture.size or not np.isfinite(posture).all():
+            raise OptionError(f"posture = {posture}; it must be one finite number a joint")
+        if continuous.size and continuous.shape != posture.shape:
+            raise OptionError(
+                f"continuous has shape {continuous.shape}, posture {posture.shape}; give one "
+                "truth value a joint"
+            )
+        super().__post_init__()
+
+    @classmethod
+    def made_for(cls, insertion: Insertion, **options: Any) -> Self:
+        """The posture at the start, unless another is given."""
+        options.setdefault("posture", insertion.angles_start)
+        options.setdefault("continuous", [j.nq == 2 for j in insertion.arm.model.joints[1:]])
+        return cls(**options)
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """Error (nv,) [rad] or [m]."""
+        turning = np.asarray(self.continuous, dtype=bool)
+        if not turning.size:
+            turning = np.zeros(np.shape(self.posture), dtype=bool)
+        return Block("posture", posture=self.posture, continuous=turning)
+
+    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+        """Error (nv,) [rad] or [m].
+
+        Raises:
+            OptionError: the posture is that of another arm.
+        """
+        posture, nv = self.block.joints, state.angles.size
+        if posture != nv:
+            raise OptionError(f"a posture of {posture} joints for an arm of {nv}")
+        return super().evaluate(state, reference)
 
 
 class Objective(abc.ABC):
@@ -157,3 +227,69 @@ def make_objective(name: str, arm: Arm) -> Objective:
     if name not in OBJECTIVES:
         raise UnknownName("objective", name, OBJECTIVES)
     return OBJECTIVES[name](arm)
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectiveTask(CompiledTask):
+    """Move the joints up an objective's gradient: v = K_c (c_d - c) J_c^T, equation (4).
+
+    A velocity is wanted, not a value, so the rows are the joints': jacobian identity, drift
+    minus the wanted velocity, and an error that is zero by definition. ``gain`` has nothing to
+    act on and cannot be given. On the level below others, the least-squares answer is the
+    projection of v onto what they leave, as P does in equation (4).
+
+    The obvious task of one row, bring c to c_d, J_c v = K (c_d - c), is not for use: where the
+    gradient vanishes, as in every maximum short of c_d, it asks for a speed that grows without
+    bound, as 1 / |J_c|. The ascent's speed goes to zero with the gradient.
+
+    made_for() takes the objective of the paper's controller: singularity_product on arms of
+    that kind, manipulability on others, and joint_centring where there are fewer than six joints,
+    whose manipulability is always zero; or one of OBJECTIVES by its name.
+
+    Attributes:
+        objective: c and its gradient J_c.
+        c_d: desired value; the paper's 1.
+        K_c: [1/s times the inverse of the gradient squared]; the paper's 7.
+    """
+
+    name: ClassVar[str] = "objective"
+    unit: ClassVar[str] = "rad"
+
+    damping: float | None = field(default=0.0, kw_only=True)
+
+    objective: Objective
+    c_d: float = field(default=1.0, metadata=finite())
+    K_c: float = field(default=7.0, metadata=positive())
+    gain: float = field(default=60.0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.objective, Objective):
+            raise OptionError(
+                f"objective = {self.objective!r}; it must be an Objective, as made by "
+                "make_objective(name, arm)"
+            )
+
+    @classmethod
+    def made_for(cls, insertion: Insertion, **options: Any) -> Self:
+        """The arm's own objective, unless another, or the name of one, is given."""
+        objective = options.pop("objective", own_objective(insertion.arm))
+        if isinstance(objective, str):
+            objective = make_objective(objective, insertion.arm)
+        return cls(objective, **options)
+
+    @functools.cached_property
+    def block(self) -> Block | None:
+        """The rows, where the objective is compiled."""
+        inner = block_of(self.objective)
+        if inner is None:
+            return None
+        return Block("objective", K_c=self.K_c, c_d=self.c_d, objective=inner)
+
+    def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+        """Error (nv,) zero; drift (nv,) minus the wanted joint velocity."""
+        if self.block is not None:
+            return super().evaluate(state, reference)
+        c, J_c = self.objective.evaluate(state)
+        nv = J_c.size
+        return Residual(np.zeros(nv), np.eye(nv), -self.K_c * (self.c_d - c) * J_c)

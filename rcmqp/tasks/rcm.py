@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp._kernel import Block
-from rcmqp.errors import OptionError
+from rcmqp.maths.options import at_least
 from rcmqp.tasks.base import CompiledTask
 
 
@@ -46,14 +45,8 @@ class RcmTask(CompiledTask):
     name: ClassVar[str] = "rcm"
     unit: ClassVar[str] = "m"
 
-    period: float = 0.0
+    period: float = field(default=0.0, metadata=at_least(0.0, "s"))
     damping: float | None = field(default=0.0, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        if not 0.0 <= self.period < math.inf:
-            raise OptionError(f"period = {self.period} s, it must be 0 or more, and finite")
 
     @functools.cached_property
     def block(self) -> Block:

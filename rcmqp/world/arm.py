@@ -18,7 +18,7 @@ from rcmqp import _kernel
 from rcmqp.errors import FrameNotFound, InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.world.arm_limits import Given, SpeedNearLimits
+from rcmqp.world.arm_limits import LimitValues, SpeedNearLimits
 from rcmqp.world.frames import Shaft, Tool
 from rcmqp.world.instrument import Wrist
 from rcmqp.world.limited import Limited
@@ -138,7 +138,6 @@ class _Scratch(threading.local):
         self.model, self.data = model, model.createData()
 
     def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
-        """A copy has data of its own."""
         return _Scratch, (self.model,)
 
 
@@ -175,8 +174,8 @@ class Arm(Limited):
         home: ArrayLike | None = None,
         home_search: Callable[[Arm], Array] | None = None,
         flange_offset: pin.SE3 | None = None,
-        acceleration: Given | None = None,
-        jerk: Given | None = None,
+        acceleration: LimitValues | None = None,
+        jerk: LimitValues | None = None,
         speed_near_limits: SpeedNearLimits | None = None,
         by_hand: Mapping[str, Any] | None = None,
         srs_offsets: ArrayLike | None = None,
@@ -195,8 +194,8 @@ class Arm(Limited):
             home_search: finds them where they are first needed and not given; the middle of the
                 limits without it.
             flange_offset: placement of the flange in its frame.
-            acceleration: what is known of the limits, see Given; the speed limit over SPEED_TIME
-                is assumed of other joints.
+            acceleration: what is known of the limits, see LimitValues; of other joints, the speed
+                limit over SPEED_TIME is assumed.
             jerk: likewise; the acceleration limit over ACCELERATION_TIME is assumed.
             speed_near_limits: speed limits that depend on the position.
             by_hand: limits by their name in ArmLimits, each of which takes the place of the arm's

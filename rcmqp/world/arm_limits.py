@@ -35,7 +35,7 @@ SPEED, STROKE_SPEED = 1.0, 0.1
 UNITS = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3"}
 """Limits that are one positive number a joint, and their units; m in place of rad if prismatic."""
 
-Given = float | Array | Sequence[float | None] | Mapping[str, float]
+LimitValues = float | Array | Sequence[float | None] | Mapping[str, float]
 """A number for all joints, one for each (None keeps the joint's own), or numbers by joint name."""
 
 Interval = tuple[float, float]
@@ -155,7 +155,6 @@ class SpeedNearLimits:
     upper: tuple[float, ...] = field(metadata=rule(_numbers))
 
     def __post_init__(self) -> None:
-        """Check that the numbers belong together."""
         rows = list(zip(self.offset, self.deceleration, self.lower, self.upper, strict=False))
         if any(len(getattr(self, item.name)) != len(rows) for item in dataclasses.fields(self)):
             raise OptionError(
@@ -225,12 +224,12 @@ class ArmLimits:
         return cls(**{name: _with_infinity(value) for name, value in data.items()})
 
 
-def per_joint(name: str, given: Given, joints: Sequence[str]) -> Array:
+def per_joint(name: str, given: LimitValues, joints: Sequence[str]) -> Array:
     """Numbers (nv,) of a limit that was given in any of the three ways; NaN where none was.
 
     Args:
         name: velocity, acceleration or jerk.
-        given: see Given.
+        given: see LimitValues.
         joints: (nv,) the joints' names.
 
     Raises:

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm
-from rcmqp.world.collisions import Collisions
+from rcmqp.world.geometry import Collisions
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument
 
@@ -60,7 +60,6 @@ class Ease:
         return score * (TOUCHING if self.touching else 1.0) * (LOW if self.low else 1.0)
 
     def __str__(self) -> str:
-        """In words."""
         faults = [f"{self.touching} touch there"] if self.touching else []
         faults += ["part of the arm is below the floor"] if self.low else []
         if self.reached < 1.0:

@@ -151,16 +151,6 @@ class Limited:
                 "checked that assumed ones are right, use load_arm(...).confirmed()"
             )
 
-    def velocity_bounds(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Least and largest joint velocity (nv,) allowed at joint angles (nv,) [rad/s].
-
-        The speed limits, and those that depend on the position where the arm has such.
-        """
-        if self.speed_near_limits is None:
-            return -self.velocity, self.velocity
-        lower, upper = self.speed_near_limits.bounds(angles)
-        return np.maximum(-self.velocity, lower), np.minimum(self.velocity, upper)
-
     def limit_margin(self, angles: ArrayLike) -> Array:
         """Distance (..., nv) of joint angles (..., nv) to the nearer limit; negative outside."""
         angles = np.asarray(angles, dtype=float)
@@ -200,7 +190,7 @@ class Limited:
         """Put together the arm's own limits, those given by hand, and what is assumed of others.
 
         Args:
-            own: (nv,) lower, upper and velocity; acceleration and jerk as Given, or None;
+            own: (nv,) lower, upper and velocity; acceleration and jerk as LimitValues, or None;
                 speed_near_limits.
             by_hand: limits by their name in ArmLimits.
             continuous: (nv,) which joints turn without end.

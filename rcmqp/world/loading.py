@@ -27,17 +27,16 @@ from rcmqp.errors import (
 )
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm, ModelSource, find_frame
-from rcmqp.world.arm_file import LIMITS, ArmFile, read_arm_file
+from rcmqp.world.arm_file import LIMITS, ArmFile, entry_of, read_arm_file
 from rcmqp.world.arm_limits import (
-    Given,
     GivenPosition,
+    LimitValues,
     SpeedNearLimits,
     filled,
     per_joint,
     per_joint_position,
 )
 from rcmqp.world.home import home_of
-from rcmqp.world.inherited import entry_of
 from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
 from rcmqp.world.questions import file_questions, home_question, questions
@@ -90,9 +89,9 @@ def load_arm(
     home: ArrayLike | Mapping[str, float] | None = None,
     locked: Mapping[str, float] | None = None,
     position: GivenPosition | None = None,
-    velocity: Given | None = None,
-    acceleration: Given | None = None,
-    jerk: Given | None = None,
+    velocity: LimitValues | None = None,
+    acceleration: LimitValues | None = None,
+    jerk: LimitValues | None = None,
     speed_near_limits: SpeedNearLimits | None = None,
 ) -> Arm:
     """Load an arm by name, from an arm's file, or from a URDF.

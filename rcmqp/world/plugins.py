@@ -1,4 +1,4 @@
-"""Names that other distributions add: entry points, looked up when a name asks for them.
+"""Names that others add: entry points of distributions, and Python files of one's own.
 
 Each group of entry points has the name of what it adds to: ``rcmqp.arms``, ``rcmqp.controllers``
 and so on; docs/plugins.md has them all. Nothing is imported before its name is used, and every
@@ -10,11 +10,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib.metadata
+import importlib.util
+import os
 import sys
+import traceback
 from collections.abc import Iterator, Mapping, MutableMapping
+from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, TypeVar, cast
 
-from rcmqp.errors import PluginError
+from rcmqp.errors import OptionError, PluginError
+from rcmqp.files import absent
 
 T = TypeVar("T")
 
@@ -149,7 +155,6 @@ class Registry(MutableMapping[str, type[T]], Generic[T]):
         yield from (name for name in points(self.group) if name not in self._classes)
 
     def __len__(self) -> int:
-        """How many names there are."""
         return sum(1 for _ in self)
 
     def name_of(self, kind: type) -> str | None:
@@ -172,3 +177,45 @@ class Registry(MutableMapping[str, type[T]], Generic[T]):
             return self[name] is kind
         except PluginError:
             return False
+
+
+_LOADED: dict[str, tuple[Path, int]] = {}
+"""Files that module_of_file() has run, and when each was changed, by their module's name."""
+
+
+def module_of_file(file: str | os.PathLike[str]) -> ModuleType:
+    """Run a Python file and return its module; a file that has not changed is run once.
+
+    Processes that joblib starts get the module's classes by value, as no path leads them to it.
+
+    Raises:
+        OptionError: there is no such file, or it raises an error.
+    """
+    path = Path(file).resolve()
+    name = f"rcmqp_own_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise OptionError(f"{file}: {absent(file)}; give a name, or the path of a Python file")
+    key = path, path.stat().st_mtime_ns
+    if _LOADED.get(name) == key:
+        return sys.modules[name]
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look there for the names in annotations
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:  # a script may end itself
+        del sys.modules[name]
+        _LOADED.pop(name, None)
+        raise OptionError(f"{file} cannot be run: {type(error).__name__}: {error}") from error
+    import cloudpickle  # with which joblib sends classes to its processes
+
+    cloudpickle.register_pickle_by_value(module)
+    _LOADED[name] = key
+    return module
+
+
+def place_of(error: Exception) -> str | None:
+    """Where in a file of one's own an error was raised; None if it was not raised there."""
+    files = {str(path) for path, _ in _LOADED.values()}
+    own = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in files]
+    return f"{own[-1].filename}, line {own[-1].lineno}, in {own[-1].name}" if own else None

@@ -8,7 +8,7 @@ import warnings
 from dataclasses import dataclass
 
 from rcmqp.errors import ArmWarning, OptionError
-from rcmqp.world.collisions import Collisions
+from rcmqp.world.geometry import Collisions
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
 from rcmqp.world.instrument import Vector3, vector3
 from rcmqp.world.start import find_start
@@ -44,7 +44,6 @@ class Port:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that what is given goes together."""
         if self.pivot is None:
             for name in ("axis", "tolerance"):
                 if getattr(self, name) is not None:

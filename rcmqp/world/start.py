@@ -12,8 +12,8 @@ import numpy as np
 from rcmqp.errors import NoStartFound
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm
-from rcmqp.world.collisions import Collisions
 from rcmqp.world.ease import DEEPER, LOW, Ease, ease_of, floor_of
+from rcmqp.world.geometry import Collisions
 from rcmqp.world.instrument import Instrument, Trocar
 
 STEP = 0.3

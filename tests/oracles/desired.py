@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.view import Reference
@@ -32,8 +34,18 @@ def desired(reference: Reference) -> Desired:
     omega + eps nu = 2 x_d* x_d_dot, vec(r a r*) = H+(r) H-(r*) vec(a) and t = 2 D(x_d) r*.
     """
     x_d = reference.x_d
-    r, r_conj_right = dq.P(x_d), dq.H4_minus(dq.quaternion_conj(dq.P(x_d)))
-    R = (dq.H4_plus(r) @ r_conj_right)[1:, 1:]
+    r, r_conj_right = dq.P(x_d), H4_minus(dq.quaternion_conj(dq.P(x_d)))
+    R = (H4_plus(r) @ r_conj_right)[1:, 1:]
     p = 2.0 * (r_conj_right @ dq.D(x_d))[1:]
     twist = 2.0 * (dq.H8_plus(dq.conj(x_d)) @ reference.x_d_dot)
     return Desired(R, p, twist[5:8], twist[1:4])
+
+
+def H4_plus(a: Array) -> Array:
+    """Hamilton operator (4, 4) of a left factor: vec(a b) = H4+(a) vec(b)."""
+    return np.column_stack([dq.quaternion_mul(a, unit) for unit in np.eye(4)])
+
+
+def H4_minus(b: Array) -> Array:
+    """Hamilton operator (4, 4) of a right factor: vec(a b) = H4-(b) vec(a)."""
+    return np.column_stack([dq.quaternion_mul(unit, b) for unit in np.eye(4)])

@@ -13,15 +13,14 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp.experiments.study.comparisons import given_of
 from rcmqp.experiments.study.outcome import Outcome, task_of
-from rcmqp.experiments.study.record import Record
+from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators import GROUPS
 from rcmqp.references.view import view_pose
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import given_words
-from rcmqp.show.palette import SPHERES
+from rcmqp.show.labels import SPHERES, given_words
 from rcmqp.world.camera import Pinhole, camera_pose
 from rcmqp.world.obstacles import Sphere
 
@@ -67,7 +66,7 @@ def views_figure(scenario: Scenario) -> Figure:
     return figure
 
 
-def trial_figure(record: Record) -> Figure:
+def trial_figure(record: TrialFile) -> Figure:
     """Effector, tip and RCM error over one trial, as the paper's Fig. 6."""
     figure = Figure(figsize=(8.0, 5.4), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
@@ -105,7 +104,7 @@ def trial_figure(record: Record) -> Figure:
     return figure
 
 
-def trajectory_figure(scenario: Scenario, record: Record) -> Figure:
+def trajectory_figure(scenario: Scenario, record: TrialFile) -> Figure:
     """The camera's way with objectives and obstacle, as the paper's Fig. 7 [mm]."""
     task = task_of(scenario)
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")

@@ -4,7 +4,7 @@ All hands are treated alike: resampled at one rate, that of the slowest recordin
 RATE; low-passed at one frequency; cut into movements at one speed. What is compared is how a hand
 moves, not how long a task takes: the tasks of a recording and of the model differ as a rule.
 
-SPARC and LDLJ are those of rcmqp.runs.smoothness, of each movement, because both depend on how
+SPARC and LDLJ are those of rcmqp.runs.behaviour, of each movement, because both depend on how
 long a hand pauses. The 95 % frequency is after "Motion smoothness-based assessment of surgical
 expertise" (Sensors 2023, 23, 3146), who find that it and LDLJ tell skill levels apart.
 """
@@ -29,9 +29,9 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import GROUPS, CameraTrial, Learning, operator_of_study
 from rcmqp.references.paths import HandTrace
 from rcmqp.references.view import view_pose
+from rcmqp.runs.behaviour import log_dimensionless_jerk, sparc
 from rcmqp.runs.loading import load_scenario
-from rcmqp.runs.smoothness import log_dimensionless_jerk, sparc
-from rcmqp.show.palette import colour
+from rcmqp.show.labels import colour
 from rcmqp.show.table import Table, definitions
 
 if TYPE_CHECKING:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import inspect
 import json
 import os
+import uuid
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,17 +17,42 @@ import numpy as np
 
 from rcmqp.controllers import CONTROLLERS, Controller
 from rcmqp.errors import OptionError, RcmqpError, RunFileError
-from rcmqp.experiments.batch import Progress, batch, check_jobs
-from rcmqp.experiments.study.identity import identity
+from rcmqp.experiments.batch import Progress, batch, check_jobs, classes_outside
 from rcmqp.experiments.study.outcome import Outcome, failed_outcome, outcome_of
 from rcmqp.experiments.study.plan import Law, Study, Trial
-from rcmqp.experiments.study.record import SUFFIX, Record
+from rcmqp.experiments.study.trial_file import SUFFIX, TrialFile
 from rcmqp.files import check_writable, make_folder, sweep
 from rcmqp.references.operators import camera_trial
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate, versions
 from rcmqp.world.carried import CarriedArm
+from rcmqp.world.plugins import distributions_of
+
+
+def identity(controller: Controller, scenario: Scenario) -> str:
+    """SHA-256 over the URDF, the options as they are, and all code that is not rcmqp's own.
+
+    Of controller, path, motion and plant that are not rcmqp's the code is known by the files that
+    hold their classes, and a plug-in's by the version of its distribution too; rcmqp itself is
+    known by its version. After a change of another file that they import, give the study another
+    folder. A class that is in no file, such as one of a notebook, is never the same.
+    """
+    sha = hashlib.sha256(controller.insertion.arm.sha256.encode())
+    sha.update(json.dumps(controller.options, sort_keys=True, default=str).encode())
+    for kind in classes_outside(controller, scenario):
+        sha.update(" ".join(distributions_of(kind)).encode())
+        sha.update(_file_of(kind))
+    return sha.hexdigest()
+
+
+def _file_of(kind: type) -> bytes:
+    """The content of the file that holds a class; new random bytes if it is in no file."""
+    try:
+        return Path(inspect.getfile(kind)).read_bytes()
+    except (OSError, TypeError):
+        return uuid.uuid4().bytes
+
 
 RUNS = "runs"
 """Folder of the trials' files, in the study's."""
@@ -46,9 +74,9 @@ class Performed:
     outcomes: Sequence[Outcome]
     notes: Sequence[str] = field(default=())
 
-    def record(self, index: int) -> Record:
+    def record(self, index: int) -> TrialFile:
         """What is kept of the trial with that index."""
-        return Record.load(trial_file(self.folder, self.study.trials()[index]))
+        return TrialFile.load(trial_file(self.folder, self.study.trials()[index]))
 
 
 def trial_file(folder: Path, trial: Trial) -> Path:
@@ -152,7 +180,7 @@ def run_trial(trial: Trial, folder: Path, kind: type[Controller], made_of: str) 
         outcome, traces = failed_outcome(trial, scenario, str(error)), {}
     carried = CarriedArm.of(controller.insertion.arm)
     said = dataclasses.replace(scenario.portable(), carried_arm=carried).to_json(carry=True)
-    record = Record(outcome, said, trial.law.to_json(), made_of, traces)
+    record = TrialFile(outcome, said, trial.law.to_json(), made_of, traces)
     record.save(trial_file(folder, trial))
 
 
@@ -166,7 +194,7 @@ def remake(file: str | os.PathLike[str]) -> Run:
         RunFileError: the file is missing, damaged or no trial's.
         RcmqpError: arm or controller cannot be made here.
     """
-    record = Record.load(Path(file))
+    record = TrialFile.load(Path(file))
     scenario = Scenario.from_json(record.scenario)
     return simulate(scenario, Law.from_json(record.law).controller(scenario))
 
@@ -222,7 +250,7 @@ def _missing(trial: Trial, folder: Path, made_of: str) -> str | None:
     if not file.exists():
         return ""
     try:
-        record = Record.load(file)
+        record = TrialFile.load(file)
     except RunFileError as error:
         return str(error)
     _check_whose(trial, record, file)
@@ -238,12 +266,12 @@ def _kept(trial: Trial, folder: Path) -> tuple[Outcome, Mapping[str, str]]:
         RunFileError: the file is damaged, or another trial's.
     """
     file = trial_file(folder, trial)
-    record = Record.load(file)
+    record = TrialFile.load(file)
     _check_whose(trial, record, file)
     return record.outcome, record.versions
 
 
-def _check_whose(trial: Trial, record: Record, file: Path) -> None:
+def _check_whose(trial: Trial, record: TrialFile, file: Path) -> None:
     said = json.loads(record.scenario)
     said.pop("carried_arm", None)  # the arm's sum is in made_of
     if (said, record.law) != (

@@ -18,7 +18,7 @@ from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.options import options, refused, rule, whole
 from rcmqp.references.operators import Learning, Operator, camera_trial, operator_of_study
 from rcmqp.runs.loading import load_scenario
-from rcmqp.runs.port import at_port
+from rcmqp.runs.moved import at_port
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.instrument import Instrument

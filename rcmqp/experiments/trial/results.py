@@ -12,7 +12,7 @@ from rcmqp.experiments.batch import Progress
 from rcmqp.experiments.study.outcome import Outcome, sum_up, task_of
 from rcmqp.experiments.study.perform import Performed, perform
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.record import Record
+from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.experiments.trial.design import Design
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.runs.loading import load_scenario
@@ -34,7 +34,7 @@ class Ended:
 
     number: int
     notes: Mapping[str, Any]
-    record: Record
+    record: TrialFile
 
     @property
     def outcome(self) -> Outcome:
@@ -121,7 +121,7 @@ def _ended(file: Path, name: str, group: str, notes: Mapping[str, Any]) -> Ended
     """Raise RcmqpError if the run cannot be read."""
     run, law = Run.load(file), Law.from_json(notes["law"])
     outcome, traces = sum_up(run, name, group, law)
-    record = Record(outcome, run.scenario.to_json(), law.to_json(), "", traces)
+    record = TrialFile(outcome, run.scenario.to_json(), law.to_json(), "", traces)
     return Ended(notes["number"], notes, record)
 
 

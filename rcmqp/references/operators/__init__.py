@@ -10,11 +10,12 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.references.operators.hand import Encoder, Omega7
 from rcmqp.references.operators.learning import Learning
-from rcmqp.references.operators.omega7 import Encoder, Omega7
-from rcmqp.references.operators.operator import GROUPS, Operator
 from rcmqp.references.operators.population import (
+    GROUPS,
     PARAMETERS,
+    Operator,
     Parameter,
     Spread,
     draw_operator,

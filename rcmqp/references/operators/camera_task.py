@@ -55,7 +55,6 @@ class CameraTask:
     towards: Vector3 = field(default=AHEAD, metadata=rule(unit_vector3))
 
     def __post_init__(self) -> None:
-        """Check that the obstacle leaves room for the objectives."""
         if not self.obstacle_radius < self.side / 2.0 - self.tolerance:
             raise OptionError(
                 f"obstacle_radius = {self.obstacle_radius} m reaches the objectives beside it, "

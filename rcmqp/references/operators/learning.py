@@ -24,8 +24,7 @@ import math
 from dataclasses import dataclass, field
 
 from rcmqp.maths.options import at_least, one_of, options
-from rcmqp.references.operators.operator import GROUPS, Operator
-from rcmqp.references.operators.population import PARAMETERS
+from rcmqp.references.operators.population import GROUPS, PARAMETERS, Operator
 
 SHAPES = ("exponential", "power")
 

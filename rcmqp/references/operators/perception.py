@@ -13,7 +13,7 @@ from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators.camera_task import CameraTask
-from rcmqp.references.operators.operator import Operator
+from rcmqp.references.operators.population import Operator
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Vector3
 

@@ -11,9 +11,9 @@ from rcmqp.errors import OptionError
 from rcmqp.maths.options import options, or_none, part, positive
 from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.references.operators.hand import Omega7
 from rcmqp.references.operators.learning import Learning
-from rcmqp.references.operators.omega7 import Omega7
-from rcmqp.references.operators.operator import Operator
+from rcmqp.references.operators.population import Operator
 from rcmqp.references.operators.steering import Steering
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Camera, Vector3

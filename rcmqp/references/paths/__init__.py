@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.references.paths.circle import Circle
-from rcmqp.references.paths.conical_helix import ConicalHelix
-from rcmqp.references.paths.drawn import Drawn
-from rcmqp.references.paths.foreign import Foreign
-from rcmqp.references.paths.hand_trace import HandTrace
-from rcmqp.references.paths.lissajous import Lissajous
+from rcmqp.references.paths.drawn import Circle, ConicalHelix, Drawn, Lissajous
 from rcmqp.references.paths.search import Search
-from rcmqp.references.paths.tip_trace import TipTrace
-from rcmqp.references.paths.view_moves import ViewMoves
-from rcmqp.references.paths.view_steps import ViewSteps
+from rcmqp.references.paths.traces import HandTrace, TipTrace
+from rcmqp.references.paths.views import ViewMoves, ViewSteps
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.instrument import Vector3
 from rcmqp.world.obstacles import Sphere
@@ -54,6 +51,39 @@ class Shows(Protocol):
     @property
     def spheres(self) -> tuple[Sphere, ...]:
         """What the camera is to look at, in its order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Foreign:
+    """What a file says of a path whose class this process does not have.
+
+    A run along it can be looked at; it cannot be run again before its class is in PATHS, by this
+    program or by a plug-in.
+
+    Attributes:
+        kind: its name in PATHS, where the run was made.
+        numbers: its fields.
+    """
+
+    kind: str
+    numbers: Mapping[str, Any]
+
+    @property
+    def duration(self) -> float:
+        """How long the path takes [s], as far as is known."""
+        return float(self.numbers.get("duration", 0.0))
+
+    def command(self, t: float, tip_depth: float) -> ViewCommand:
+        """Nothing can be asked.
+
+        Raises:
+            OptionError: always.
+        """
+        raise OptionError(
+            f"this process does not know the path {self.kind!r}, so it cannot be run; add its "
+            "class to rcmqp.references.paths.PATHS, or install the plug-in that has it, as where "
+            "the scenario was made"
+        )
 
 
 def views_of(path: Path, times: Array, tip_depth: float) -> Array:

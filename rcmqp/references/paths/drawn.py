@@ -5,12 +5,17 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rcmqp import _kernel
+from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.options import at_least, finite, options, rule
+from rcmqp.maths.smooth import check_ramp, progress
 from rcmqp.references.view import ViewCommand, view_of_tip
+from rcmqp.world.instrument import Vector3, vector3
 
 
 class Drawn(abc.ABC):
@@ -55,3 +60,160 @@ class Drawn(abc.ABC):
             for t in times.tolist():
                 view_of_tip(*self.tip(t, tip_depth), tip_depth)  # which says what is wrong
         return views
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Circle(Drawn):
+    """A circle in the plane across the shaft, from rest to rest.
+
+    Seen from the trocar in the axes of x_d(0), with L the depth at the start, the tip is at
+
+        p(s) = [r (cos(2 pi n s) - 1), r sin(2 pi n s), L]
+
+    for s from 0 to 1: it starts where the arm has it. The radius is that of CoIKS-Surg's
+    benchmark (launch/coiks_constrained_benchmark.launch); its time is not given there.
+
+    Attributes:
+        radius: r [m]; a negative one starts to the other side.
+        turns: n.
+        duration: from rest to rest [s].
+        ramp: how long the start and the stop take [s].
+    """
+
+    radius: float = field(default=0.015, metadata=finite("m"))
+    turns: float = field(default=1.0, metadata=finite())
+    duration: float = 8.0
+    ramp: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_ramp(self.duration, self.ramp)
+
+    def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
+        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes."""
+        s, s_dot = progress(t, self.duration, self.ramp)
+        turn, turn_dot = 2.0 * math.pi * self.turns * s, 2.0 * math.pi * self.turns * s_dot
+        cos, sin = math.cos(turn), math.sin(turn)
+        p = np.array([self.radius * (cos - 1.0), self.radius * sin, tip_depth])
+        return p, self.radius * turn_dot * np.array([-sin, cos, 0.0])
+
+    def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
+        """See Drawn."""
+        return _kernel.CIRCLE, (self.radius, self.turns, 0.0, 0.0)
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class ConicalHelix(Drawn):
+    """A helix on a cone about an axis through the trocar, from rest to rest.
+
+    Seen from the trocar in axes whose z is the helix's axis, the tip is at
+
+        p(s) = [r cos(2 pi n s), r sin(2 pi n s), L + n h s],   r = r_0 + (r_1 - r_0) s,
+
+    for s from 0 to 1. The tip starts at p(0), where the arm has it, so the axis is tilted by
+    asin(r_0 / depth) from the shaft at the start. The paper names the path and gives no sizes;
+    the defaults are 20 s at about 20 mm/s rms, 10 to 14 cm deep.
+
+    Attributes:
+        radius_start, radius_end: r_0 and r_1 [m].
+        pitch: h, how much deeper the tip gets in one turn [m]; negative comes out.
+        turns: n.
+        duration: from rest to rest [s].
+        ramp: how long the start and the stop take [s]; s' rises as 10u^3 - 15u^4 + 6u^5,
+            is constant in between, and falls likewise.
+    """
+
+    radius_start: float = field(default=0.010, metadata=at_least(0.0, "m"))
+    radius_end: float = field(default=0.030, metadata=at_least(0.0, "m"))
+    pitch: float = field(default=0.04 / 3, metadata=finite("m"))
+    turns: float = field(default=3.0, metadata=finite())
+    duration: float = 20.0
+    ramp: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_ramp(self.duration, self.ramp)
+
+    def progress(self, t: float) -> tuple[float, float]:
+        """How far the helix has come at ``t`` [s], s in [0, 1], and s' [1/s]."""
+        return progress(t, self.duration, self.ramp)
+
+    def tip(self, t: float, tip_depth: float) -> tuple[Vector3, Vector3]:
+        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.
+
+        Raises:
+            OptionError: the tip starts less deep than the helix is wide.
+        """
+        _, (r_0, r_1, pitch, n) = self.figure(tip_depth)
+        s, s_dot = self.progress(t)
+        turn, r = 2.0 * math.pi * n * s, r_0 + (r_1 - r_0) * s
+        cos, sin, swing = math.cos(turn), math.sin(turn), 2.0 * math.pi * n * r
+        L = math.sqrt(tip_depth**2 - r_0**2)
+        x, y, z = r * cos, r * sin, L + n * pitch * s
+        u, v = (r_1 - r_0) * cos - swing * sin, (r_1 - r_0) * sin + swing * cos  # dp/ds
+        w = n * pitch
+        c, d = L / tip_depth, -r_0 / tip_depth  # of the tilt, -asin(r_0 / tip_depth) about y
+        velocity = (s_dot * (c * u + d * w), s_dot * v, s_dot * (c * w - d * u))
+        return (c * x + d * z, y, c * z - d * x), velocity
+
+    def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
+        """See Drawn."""
+        if not tip_depth > self.radius_start:
+            raise OptionError(
+                f"the tip starts {1e3 * tip_depth:.1f} mm inside; a helix of radius "
+                f"{1e3 * self.radius_start:.1f} mm needs it deeper than that"
+            )
+        return _kernel.HELIX, (self.radius_start, self.radius_end, self.pitch, self.turns)
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Lissajous(Drawn):
+    """A figure of eight that also goes in and out, from rest to rest.
+
+    Seen from the trocar in the axes of x_d(0), with L the depth at the start, the tip is at
+
+        p(u) = [a sin u, -b sin 2u, L + c (cos 2u - 1)],   u = 2 pi n s,
+
+    for s from 0 to 1: it starts where the arm has it. These are the curves of CoIKS-Surg's
+    benchmark (create6DLissajousPath), which stops at u = 10, before the curve closes, and
+    leaves the sizes to its user.
+
+    Attributes:
+        size: (a, b, c) [m]; c > 0 comes out, by 2c.
+        turns: n, how often the figure is drawn.
+        duration: from rest to rest [s].
+        ramp: how long the start and the stop take [s].
+    """
+
+    size: Vector3 = field(default=(0.02, 0.015, 0.005), metadata=rule(vector3))
+    turns: float = field(default=1.0, metadata=finite())
+    duration: float = 10.0
+    ramp: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_ramp(self.duration, self.ramp)
+
+    def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
+        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.
+
+        Raises:
+            OptionError: the figure would come out of the trocar.
+        """
+        _, (a, b, c, n) = self.figure(tip_depth)
+        s, s_dot = progress(t, self.duration, self.ramp)
+        u, u_dot = 2.0 * math.pi * n * s, 2.0 * math.pi * n * s_dot
+        cos_2u, sin_2u = math.cos(2.0 * u), math.sin(2.0 * u)
+        p = np.array([a * math.sin(u), -b * sin_2u, tip_depth + c * (cos_2u - 1.0)])
+        dp_du = np.array([a * math.cos(u), -2.0 * b * cos_2u, -2.0 * c * sin_2u])
+        return p, u_dot * dp_du
+
+    def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
+        """See Drawn."""
+        a, b, c = self.size
+        if not tip_depth > 2.0 * c:
+            raise OptionError(
+                f"the tip starts {1e3 * tip_depth:.1f} mm inside; a figure that comes out by "
+                f"{2e3 * c:.1f} mm needs it deeper than that"
+            )
+        return _kernel.LISSAJOUS, (a, b, c, self.turns)

@@ -14,8 +14,7 @@ from rcmqp.files import check_writable, make_folder
 from rcmqp.runs.run import Run
 from rcmqp.show import plots, tables
 from rcmqp.show.report.document import Picture, Section, as_html, as_markdown
-from rcmqp.show.report.groups import Group, groups_of
-from rcmqp.show.report.remake import remake_text
+from rcmqp.show.report.remake import Group, groups_of, remake_text
 from rcmqp.show.viewer.build import check_runs, write_page
 
 INDEX, TEXT, NUMBERS, LATEX = "index.html", "report.md", "report.csv", "report.tex"

@@ -17,11 +17,10 @@ import numpy as np
 
 import rcmqp
 from rcmqp.errors import RcmqpError, ViewError
-from rcmqp.files import check_ending, check_writable, whole
+from rcmqp.files import check_ending, check_writable, whole_file
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import run_labels, versions_text
-from rcmqp.show.palette import colour, dash
+from rcmqp.show.labels import colour, dash, run_labels, versions_text
 from rcmqp.show.table import definitions_html
 from rcmqp.show.tables import metrics_meanings, metrics_table
 from rcmqp.show.viewer.bundle import Bundle, bundled, compressed
@@ -86,7 +85,7 @@ def write_page(runs: Sequence[Run], path: str | os.PathLike[str], *, dark: bool 
     check_ending(path, *ENDINGS)
     check_writable(path)
     text = page(runs, dark=dark)
-    with whole(path) as part:
+    with whole_file(path) as part:
         part.write_text(text, encoding="utf-8")
     return Path(path)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rcmqp.errors import OptionError, RunFileError, UnknownName
-from rcmqp.files import check_ending, check_writable, whole
+from rcmqp.files import check_ending, check_writable, whole_file
 from rcmqp.maths.options import allowed, between, positive
 from rcmqp.runs.run import Run
 from rcmqp.show.viewer.browser import ffmpeg_path, opened
@@ -82,7 +82,7 @@ def snapshot(
         page.evaluate("([from, zoom]) => rcmqp.look(from, zoom)", [towards, zoom])
         page.evaluate("t => (rcmqp.seek(t), rcmqp.draw())", time)
         picture = page.screenshot(type="png", omit_background=transparent)
-    with whole(path) as part:
+    with whole_file(path) as part:
         part.write_bytes(picture)
     return Path(path)
 
@@ -140,7 +140,7 @@ def video(
     command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(RATE)]
     command += ["-c:v", "mjpeg", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
     command += ["-crf", "18", "-movflags", "+faststart"]
-    with whole(path) as part:
+    with whole_file(path) as part:
         with opened(runs, size, _pane(camera), density=_density(camera, size), dark=dark) as page:
             times = (min(duration, k * speed / RATE) for k in range(pictures))
             said = _encoded([*command, str(part)], page, times, lambda: progress(1, pictures))

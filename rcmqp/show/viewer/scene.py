@@ -12,7 +12,7 @@ import umsgpack
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import Shows
 from rcmqp.runs.run import Run
-from rcmqp.show.palette import SPHERES
+from rcmqp.show.labels import SPHERES
 from rcmqp.show.viewer.meshcat_ import SetTransform, TreePath
 from rcmqp.show.viewer.shapes import arm_parts
 from rcmqp.world.arm import Arm

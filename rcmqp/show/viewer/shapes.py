@@ -1,4 +1,4 @@
-"""Shapes of an arm's links, from its URDF, as Meshcat takes them."""
+"""Shapes of an arm's links, from its URDF, as Meshcat takes them; nothing else imports collada."""
 
 from __future__ import annotations
 
@@ -10,19 +10,68 @@ from pathlib import Path
 from typing import Any
 
 import coal
+import collada
 import numpy as np
 import pinocchio as pin
+from collada.common import DaeError as Unreadable
 
 from rcmqp.errors import ArmWarning
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.show.viewer import collada_
-from rcmqp.show.viewer.collada_ import Colour
-from rcmqp.show.viewer.meshcat_ import Triangles
+from rcmqp.show.viewer.meshcat_ import Triangles, smooth
 from rcmqp.show.viewer.meshcat_ import geometry as g
-from rcmqp.show.viewer.surface import smooth
 from rcmqp.world.arm import Arm
 from rcmqp.world.carried import changed_meshes
 from rcmqp.world.geometry import geometry_of, hangs_on
+
+Colour = tuple[float, float, float]
+"""Red, green, blue from 0 to 1."""
+
+IGNORED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+"""What a file may have wrong, such as a picture that is missing."""
+
+
+def collada_triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
+    """A file's triangles of each colour, as its scene places them.
+
+    The file's unit counts; its up axis does not, as elsewhere where URDFs are drawn. Its normals,
+    and pictures on its faces, are left out.
+
+    Args:
+        path: of the file.
+        scale: (3,) what the URDF multiplies points with.
+
+    Returns:
+        Corners (m, 3, 3) of each colour's triangles [m]; the colour is None if the file has none.
+
+    Raises:
+        Unreadable: this is no Collada file, or a broken one.
+    """
+    file = collada.Collada(str(path), ignore=IGNORED)
+    size = scale * (file.assetInfo.unitmeter or 1.0)
+    found: dict[Colour | None, list[Array]] = {}
+    for placed in file.scene.objects("geometry") if file.scene else ():
+        for primitive in placed.original.primitives:
+            if hasattr(primitive, "triangleset"):  # polygons
+                primitive = primitive.triangleset()
+            if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
+                points = primitive.vertex @ placed.matrix[:3, :3].T + placed.matrix[:3, 3]
+                colour = _material_colour(placed.materialnodebysymbol.get(primitive.material))
+                corners = points[primitive.vertex_index] * size
+                if np.linalg.det(placed.matrix[:3, :3]) * np.prod(size) < 0.0:  # mirrored
+                    corners = corners[:, ::-1]
+                found.setdefault(colour, []).append(corners)
+    return {colour: np.concatenate(each) for colour, each in found.items()}
+
+
+def _material_colour(bound: Any) -> Colour | None:
+    """A material's colour, as a scene binds it; None if the material is a picture or missing."""
+    effect = getattr(getattr(bound, "target", None), "effect", None)
+    diffuse = getattr(effect, "diffuse", None)
+    if not isinstance(diffuse, tuple | list | np.ndarray):
+        return None
+    red, green, blue = (float(x) for x in diffuse[:3])
+    return red, green, blue
+
 
 GREY = (0.78, 0.79, 0.81)
 CHAIN_RADIUS = 0.035
@@ -115,8 +164,8 @@ def _triangles(shape: Any) -> dict[Colour | None, Array]:
     """Corners (m, 3, 3) of a mesh's triangles by colour: the URDF's, or else the file's own."""
     path = Path(shape.meshPath)
     if path.suffix.lower() == ".dae" and not shape.overrideMaterial:
-        with contextlib.suppress(collada_.Unreadable):  # what follows does without its colours
-            return collada_.triangles(path, shape.meshScale)
+        with contextlib.suppress(Unreadable):  # what follows does without its colours
+            return collada_triangles(path, shape.meshScale)
     mesh = shape.geometry
     rows = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
     faces = np.array([[row[0], row[1], row[2]] for row in rows])

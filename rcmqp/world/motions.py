@@ -1,18 +1,67 @@
-"""A trocar that moves as one was seen to move."""
+"""Motions of the trocar: breathing, and anything else that moves the abdominal wall.
+
+A motion is a frozen dataclass of plain numbers, so that a scenario can be written as JSON; a
+new one is a class with ``position()`` and ``velocity()``, added to MOTIONS or by a plug-in.
+"""
 
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.maths.options import options, rule
-from rcmqp.world.instrument import Vector3, vector3
+from rcmqp.maths.options import at_least, options, positive, rule, whole
+from rcmqp.maths.smooth import step
+from rcmqp.world.instrument import Vector3, unit_vector3, vector3
+from rcmqp.world.plugins import Registry
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Breathing:
+    """Breath after breath, all alike, longer near the end of expiration than of inspiration.
+
+        position(t) = amplitude sin^(2n)(pi rate t) direction
+
+    The profile z_0 - b cos^(2n)(pi t / tau - phi) of Lujan et al. (Medical Physics 26, 1999,
+    715-720) with phi = pi / 2, so that it starts from rest at the end of an expiration. For
+    n = 1 it is a sine; the larger n is, the longer the wall rests between two breaths.
+
+    The defaults are a patient under a ventilator, 15 breaths a minute, with a port that moves
+    by 1 cm, the upper end of the 2 to 10 mm that are said of abdominal ports.
+
+    Attributes:
+        amplitude: from the end of expiration to that of inspiration [m].
+        rate: breaths per second [Hz].
+        direction: (3,) in the world, where inspiration moves the trocar: along the normal of
+            the wall, outwards; of any length but zero, kept as a unit vector.
+        n: exponent, a whole number of at least 1.
+    """
+
+    amplitude: float = field(default=0.01, metadata=at_least(0.0, "m"))
+    rate: float = field(default=0.25, metadata=positive("Hz"))
+    direction: Vector3 = field(default=(0.0, 0.0, 1.0), metadata=rule(unit_vector3))
+    n: int = field(default=3, metadata=whole(1))
+
+    def position(self, t: float) -> Array:
+        """Offset (3,) at ``t`` [s] from the pivot at 0 [m]."""
+        sine = math.sin(math.pi * self.rate * max(t, 0.0))
+        return self.amplitude * sine ** (2 * self.n) * np.array(self.direction)
+
+    def velocity(self, t: float) -> Array:
+        """Its derivative (3,) [m/s]."""
+        omega, n = math.pi * self.rate, self.n
+        sine, cosine = math.sin(omega * max(t, 0.0)), math.cos(omega * max(t, 0.0))
+        rate = 2 * n * omega * sine ** (2 * n - 1) * cosine
+        return self.amplitude * rate * np.array(self.direction)
+
 
 LATE = 1e5
 """First time that is taken for a clock of the recording's own [s]: a day and more."""
@@ -71,7 +120,6 @@ class Sampled:
     positions: tuple[Vector3, ...] = field(metadata=rule(sample_positions))
 
     def __post_init__(self) -> None:
-        """Check that there are as many times as positions."""
         if len(self.times) != len(self.positions):
             raise OptionError(
                 f"{len(self.times)} times and {len(self.positions)} positions; give as many of "
@@ -123,3 +171,74 @@ def _times(given: object) -> tuple[float, ...]:
     if times.ndim != 1:
         raise OptionError(f"times has shape {times.shape}, it must be (n,); try times.ravel()")
     return tuple(times.tolist())
+
+
+@options
+@dataclass(frozen=True, slots=True)
+class Sinusoid:
+    """A swing along a line, whose amplitude grows smoothly from zero.
+
+        position(t) = amplitude w(t / ramp) sin(2 pi frequency t) direction
+
+    with w(u) = 10u^3 - 15u^4 + 6u^5 up to u = 1, and 1 from there on: the trocar starts from
+    rest, without a jolt. Marinho, Bernardes and Bo (Journal of Medical Robotics Research 2016)
+    moved a trocar by 1 cm at 0.5 Hz, 2 cm at 0.5 Hz and 1 cm at 1 Hz.
+
+    Attributes:
+        amplitude: from the middle to the turning point [m].
+        frequency: [Hz].
+        direction: (3,) in the world, of any length but zero; kept as a unit vector.
+        ramp: how long the amplitude grows [s].
+    """
+
+    amplitude: float = field(default=0.01, metadata=at_least(0.0, "m"))
+    frequency: float = field(default=0.5, metadata=positive("Hz"))
+    direction: Vector3 = field(default=(0.0, 0.0, 1.0), metadata=rule(unit_vector3))
+    ramp: float = field(default=2.0, metadata=positive("s"))
+
+    def position(self, t: float) -> Array:
+        """Offset (3,) at ``t`` [s] from the pivot at 0 [m]."""
+        grown, _ = step(t / self.ramp)
+        swing = math.sin(2.0 * math.pi * self.frequency * t)
+        return self.amplitude * grown * swing * np.array(self.direction)
+
+    def velocity(self, t: float) -> Array:
+        """Its derivative (3,) [m/s]."""
+        grown, growing = step(t / self.ramp)
+        omega = 2.0 * math.pi * self.frequency
+        rate = growing / self.ramp * math.sin(omega * t) + grown * omega * math.cos(omega * t)
+        return self.amplitude * rate * np.array(self.direction)
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """Always where it was."""
+
+    def position(self, t: float) -> Array:
+        """Zero (3,) [m]."""
+        return np.zeros(3)
+
+    def velocity(self, t: float) -> Array:
+        """Zero (3,) [m/s]."""
+        return np.zeros(3)
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """Where the trocar is over time; at rest until 0."""
+
+    def position(self, t: float) -> Array:
+        """Offset (3,) at ``t`` [s] from the pivot at 0, in the world's axes [m]."""
+
+    def velocity(self, t: float) -> Array:
+        """Its derivative (3,) [m/s]."""
+
+
+_OWN: dict[str, type[Motion]] = {
+    "breathing": Breathing,
+    "sampled": Sampled,
+    "sinusoid": Sinusoid,
+    "still": Still,
+}
+
+MOTIONS: Registry[Motion] = Registry("rcmqp.motions", _OWN)

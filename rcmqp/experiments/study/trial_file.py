@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmqp.errors import RunFileError
 from rcmqp.experiments.study.outcome import TRACES, Outcome
-from rcmqp.files import absent, whole
+from rcmqp.files import absent, whole_file
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import versions
@@ -37,7 +37,7 @@ SUFFIX = ".h5"
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class TrialFile:
     """What is kept of a trial.
 
     Attributes:
@@ -74,7 +74,7 @@ class Record:
             RunFileError: it cannot be written.
         """
         image = self._image()
-        with whole(path) as part:
+        with whole_file(path) as part:
             part.write_bytes(image)
 
     def _image(self) -> bytes:
@@ -95,7 +95,7 @@ class Record:
         return image.getvalue()
 
     @classmethod
-    def load(cls, path: Path) -> Record:
+    def load(cls, path: Path) -> TrialFile:
         """Read what save() wrote.
 
         Raises:

@@ -1,16 +1,54 @@
-"""How far the instrument may go in and out of the trocar."""
+"""How far the shaft may tilt in the trocar, and how far it may go in and out."""
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from rcmqp._kernel import Block
 from rcmqp.limits.base import CompiledLimit, Damper
 from rcmqp.limits.spheres import bends, shaft_depth
-from rcmqp.tasks.base import check_finite
+from rcmqp.maths.options import finite
 from rcmqp.world.instrument import Trocar, Wrist
+
+
+@dataclass(frozen=True, eq=False)
+class TrocarCone(CompiledLimit, Damper):
+    """Keep the angle between the shaft and the trocar's axis below the cone's half angle.
+
+    The trocar's axis seen from the effector, n = R^T axis, moves by n' = [n]x omega; the angle
+    theta between n and e_z has
+
+        theta' = (n_y omega_x - n_x omega_y) / sin theta <= pace(cone_half_angle - theta).
+
+    Only the shaft is in the trocar, so a wrist, beyond it, does not count.
+
+    On the axis the direction of a tilt is not defined and the row is zero: the first cycle away
+    from there is free. Opposite to it, every direction is a way back, and x is taken.
+
+    Attributes:
+        trocar: its axis and half angle; the axis stays as it is when the trocar moves.
+    """
+
+    name: ClassVar[str] = "trocar_cone"
+
+    trocar: Trocar
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """One row [rad/s]."""
+        return Block(
+            "trocar_cone",
+            **self.rates,
+            half_angle=self.trocar.cone_half_angle,
+            axis=self.trocar.axis,
+        )
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the one row."""
+        return ("trocar cone",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +73,8 @@ class TrocarDepth(CompiledLimit, Damper):
     name: ClassVar[str] = "trocar_depth"
 
     trocar: Trocar
-    tip_depth: float
+    tip_depth: float = field(metadata=finite("m"))
     wrist: Wrist | None = None
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        super().__post_init__()
-        check_finite("tip_depth", self.tip_depth, "m")
 
     @functools.cached_property
     def block(self) -> Block:
