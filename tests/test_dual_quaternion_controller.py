@@ -271,5 +271,6 @@ def test_an_arm_of_five_joints_is_refused() -> None:
     urdf = load_arm("ur5").urdf
     arm = load_arm(str(urdf), "tool0", home=[-1.6, 1.4, -1.4, -1.6, 0.0], locked={PAN: 0.0})
     insertion = Insertion.on_shaft(arm, Instrument())
-    with pytest.raises(OptionError, match=r"has 5 joints; the law .* needs six or more"):
+    said = r"has 5 joints; dual_quaternion .* needs six or more; hierarchical_qp"
+    with pytest.raises(OptionError, match=said):
         make_controller("dual_quaternion", insertion, PERIOD)

@@ -127,8 +127,8 @@ class DualQuaternion(Controller):
         arm = self.insertion.arm
         if arm.nv < 6:
             raise OptionError(
-                f"{arm.name} has {arm.nv} joints; the law controls position and orientation at "
-                "one priority and needs six or more"
+                f"{arm.name} has {arm.nv} joints; {self.name} controls position and orientation "
+                "at one priority and needs six or more; hierarchical_qp does with fewer"
             )
         _ = self._objective, self._compiled  # made before the first cycle
 
