@@ -145,6 +145,8 @@ class _Writer:
             if not of_joint or m.actuator_trnid[i, 0] != j:
                 continue
             gear, gain = abs(float(m.actuator_gear[i, 0])), float(m.actuator_gainprm[i, 0])
+            if gear == 0.0:  # it moves nothing
+                continue
             _, position, velocity = m.actuator_biasprm[i, :3]
             if m.actuator_ctrllimited[i] and position == 0.0 and velocity == -gain != 0.0:
                 speed = float(np.abs(m.actuator_ctrlrange[i]).max()) / gear
