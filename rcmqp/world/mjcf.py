@@ -14,6 +14,7 @@ import pinocchio as pin
 from rcmqp.errors import ArmError, ArmWarning
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm_limits import SPEED, STROKE_SPEED
+from rcmqp.world.mjcf_checks import check_count, check_size
 
 DRAWN = 3
 """Groups of geoms below this are drawn, as MuJoCo's viewer does."""
@@ -28,8 +29,8 @@ def urdf_from_mjcf(path: Path) -> bytes:
     and marked as assumed. Meshes keep their files; one that is not there is left out.
 
     Raises:
-        ArmError: MuJoCo is not installed, or refuses the file; or a joint is of a kind that an arm
-            does not have.
+        ArmError: MuJoCo is not installed, or refuses the file; the file has too many bodies,
+            joints and sites; or a joint is of a kind that an arm does not have.
     """
     try:
         mujoco: Any = importlib.import_module("mujoco")
@@ -38,12 +39,14 @@ def urdf_from_mjcf(path: Path) -> bytes:
             f"{path} is MuJoCo's MJCF, and the package mujoco is not installed: pip install "
             "'rcmqp[mjcf]'; or give the arm's URDF, which its maker has"
         ) from error
+    check_size(path)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         _lighten(spec, path)
         compiled = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise ArmError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+    check_count(compiled.nbody + compiled.njnt + compiled.nsite, path)
     return _Writer(mujoco, spec, compiled, path).text()
 
 
@@ -76,7 +79,7 @@ class _Writer:
     def __init__(self, mujoco: Any, spec: Any, model: Any, path: Path) -> None:
         self.mujoco, self.spec, self.model, self.path = mujoco, spec, model, path
         self.root = ET.Element("robot", name=spec.modelname or path.stem)
-        self.links: set[str] = set()
+        self.links: dict[str, ET.Element] = {}
 
     def text(self) -> bytes:
         m = self.model
@@ -99,8 +102,7 @@ class _Writer:
         """A new link; ``more`` is added to a name that another link has."""
         while name in self.links:
             name += more or "_"
-        self.links.add(name)
-        ET.SubElement(self.root, "link", name=name)
+        self.links[name] = ET.SubElement(self.root, "link", name=name)
         return name
 
     def _joint(self, j: int, parent: str, place: pin.SE3) -> tuple[str, pin.SE3]:
@@ -191,10 +193,9 @@ class _Writer:
             shapes = [(place * own.inverse(), "mesh", file)]
         tags = ["visual"] if m.geom_group[i] < DRAWN else []
         tags += ["collision"] if m.geom_contype[i] or m.geom_conaffinity[i] else []
-        element = next(each for each in self.root.iterfind("link") if each.get("name") == link)
         for tag in tags:
             for at, name, attributes in shapes:
-                shape = ET.SubElement(element, tag)
+                shape = ET.SubElement(self.links[link], tag)
                 _origin(shape, at)
                 ET.SubElement(ET.SubElement(shape, "geometry"), name, attributes)
 

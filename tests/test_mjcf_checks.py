@@ -1,0 +1,62 @@
+"""MJCFs that are too large once they are put together, and ones that constraints hold."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from rcmqp import load_arm
+from rcmqp.errors import ArmError
+from rcmqp.world.mjcf_checks import check_size
+from rcmqp.world.urdf_checks import MOST_LINKS
+
+
+def file_of(folder: Path, world: str, more: str = "") -> Path:
+    path = folder / "arm.xml"
+    path.write_text(f"<mujoco><worldbody>{world}</worldbody>{more}</mujoco>")
+    return path
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        '<replicate count="10000"><body><geom size="1"/></body></replicate>',
+        '<replicate count="10000"><geom size="1"/></replicate>',
+        '<replicate count="50"><replicate count="50"><site/></replicate></replicate>',
+        '<replicate count="900"><include file="parts/more.xml"/></replicate>',
+        f'<replicate count="1{400 * "0"}"/>',
+        '<body><include file="parts/more.xml"/></body>' + (MOST_LINKS - 2) * "<site/>",
+    ],
+    ids=["bodies", "geoms", "nested", "include in replicate", "huge", "included"],
+)
+def test_what_multiplies_beyond_the_limit_is_refused_before_mujoco_reads_it(
+    world: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "more.xml").write_text("<mujocoinclude><site/><site/></mujocoinclude>")
+    path = file_of(tmp_path, world)
+    monkeypatch.setitem(sys.modules, "mujoco", ModuleType("mujoco"))  # with nothing in it
+    with pytest.raises(
+        ArmError, match=r"bodies, joints, sites .* at most 2000 are read; take out"
+    ):
+        load_arm(path, "flange")
+
+
+def test_what_is_not_multiplied_beyond_the_limit_is_read(tmp_path: Path) -> None:
+    """Elements outside the bodies, and the shapes of one body, are not counted."""
+    world = 3 * MOST_LINKS * '<geom size="1"/>' + '<replicate count="200"><site/></replicate>'
+    check_size(file_of(tmp_path, world, "<equality>" + 3000 * "<joint/>" + "</equality>"))
+    check_size(file_of(tmp_path, '<include file="arm.xml"/><include file="lost.xml"/>'))
+
+
+def test_what_mujoco_attaches_is_counted_when_it_is_there(tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text(
+        f"<mujoco><worldbody><body name='part'>{900 * '<site/>'}</body></worldbody></mujoco>"
+    )
+    attached = "".join(f'<attach model="part" body="part" prefix="p{i}_"/>' for i in range(3))
+    assets = '<asset><model name="part" file="part.xml"/></asset>'
+    with pytest.raises(ArmError, match=r"has 2704 or more bodies"):
+        load_arm(file_of(tmp_path, attached, assets), "flange")
