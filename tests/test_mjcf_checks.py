@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -60,3 +61,61 @@ def test_what_mujoco_attaches_is_counted_when_it_is_there(tmp_path: Path) -> Non
     assets = '<asset><model name="part" file="part.xml"/></asset>'
     with pytest.raises(ArmError, match=r"has 2704 or more bodies"):
         load_arm(file_of(tmp_path, attached, assets), "flange")
+
+
+CHAIN = """
+<site name="post" pos="0 0 0.2"/>
+<body name="ball"><freejoint/><geom size="0.1"/></body>
+<body name="upper"><joint name="shoulder" axis="0 1 0" range="-1 1"/><geom size="0.1"/>
+  <body name="rod"><joint name="swing" axis="0 1 0" range="-1 1"/><geom size="0.1"/></body>
+  <body name="lower" pos="0 0 0.3"><joint name="elbow" axis="0 1 0" range="-1 1"/>
+    <geom size="0.1"/><site name="end"/>
+    <body name="hand" pos="0 0 0.3"><geom size="0.1"/>
+      <body name="finger"><joint name="grip" axis="0 1 0" range="-1 1"/><geom size="0.1"/></body>
+    </body>
+  </body>
+</body>
+"""
+"""Shoulder and elbow move the hand; rod and finger are beside the way to it."""
+
+
+@pytest.mark.parametrize(
+    ("equality", "joint", "tie"),
+    [
+        ('<joint name="rods" joint1="elbow" joint2="shoulder"/>', "elbow", "<joint> 'rods'"),
+        ('<joint joint1="shoulder"/>', "shoulder", "<joint>"),
+        ('<weld name="nail" body1="hand"/>', "shoulder", "<weld> 'nail'"),
+        ('<connect body1="rod" body2="lower" anchor="0 0 0"/>', "elbow", "<connect>"),
+        ('<connect site1="post" site2="end"/>', "shoulder", "<connect>"),
+    ],
+)
+def test_a_joint_of_the_chain_that_an_equality_ties_is_refused_in_words(
+    equality: str, joint: str, tie: str, tmp_path: Path
+) -> None:
+    path = file_of(tmp_path, CHAIN, f"<equality>{equality}</equality>")
+    said = f"joint '{joint}' moves the flange, and is tied by the active {tie} of <equality>"
+    with pytest.raises(ArmError, match=f"{re.escape(said)}.*hold it with locked, or take"):
+        load_arm(path, "hand")
+
+
+@pytest.mark.parametrize(
+    "equality",
+    [
+        '<weld body1="hand" active="false"/>',
+        '<weld body1="ball" body2="hand"/>',
+        '<joint joint1="grip" joint2="elbow"/>',
+        '<connect body1="hand" body2="finger" anchor="0 0 0"/>',
+    ],
+    ids=["not active", "a free body carried", "a finger follows", "within the hand"],
+)
+def test_an_equality_that_leaves_the_chain_free_is_allowed(equality: str, tmp_path: Path) -> None:
+    path = file_of(tmp_path, CHAIN, f"<equality>{equality}</equality>")
+    assert load_arm(path, "hand").joints == ("shoulder", "elbow")
+
+
+def test_a_tied_joint_may_be_locked_and_equalities_switched_off(tmp_path: Path) -> None:
+    tie = '<equality><joint joint1="elbow" joint2="shoulder"/></equality>'
+    path = file_of(tmp_path, CHAIN, tie)
+    assert load_arm(path, "hand", locked={"elbow": 0.1}).joints == ("shoulder",)
+    path = file_of(tmp_path, CHAIN, tie + '<option><flag equality="disable"/></option>')
+    assert load_arm(path, "hand").nv == 2

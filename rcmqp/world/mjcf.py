@@ -19,6 +19,9 @@ from rcmqp.world.mjcf_checks import check_count, check_size
 DRAWN = 3
 """Groups of geoms below this are drawn, as MuJoCo's viewer does."""
 
+TYING = ("joint", "connect", "weld")
+"""Elements of <equality> that take freedom from joints."""
+
 
 def urdf_from_mjcf(path: Path) -> bytes:
     """The URDF of an MJCF: bodies and sites are links, and the joints have MuJoCo's zero.
@@ -26,7 +29,10 @@ def urdf_from_mjcf(path: Path) -> bytes:
     MuJoCo follows includes, defaults and angles of any kind. A body has a link for each of its
     joints, and its own one on the last. Position limits are the joints' ranges, efforts their
     force ranges. Speed limits are those of velocity actuators; of other joints SPEED is written,
-    and marked as assumed. Meshes keep their files; one that is not there is left out.
+    and marked as assumed. Joints that an active <equality> ties by a joint, connect or weld are
+    marked, and loading refuses those that move the flange; equalities of tendons and flexes are
+    not looked at, nor are those of other joints, which are held at zero. Meshes keep their files;
+    one that is not there is left out.
 
     Raises:
         ArmError: MuJoCo is not installed, or refuses the file; the file has too many bodies,
@@ -80,6 +86,7 @@ class _Writer:
         self.mujoco, self.spec, self.model, self.path = mujoco, spec, model, path
         self.root = ET.Element("robot", name=spec.modelname or path.stem)
         self.links: dict[str, ET.Element] = {}
+        self.tied = _tied(mujoco, model)
 
     def text(self) -> bytes:
         m = self.model
@@ -127,6 +134,8 @@ class _Writer:
         kind = ("revolute" if limited else "continuous") if hinge else "prismatic"
         link = self._link(f"{name}_link")
         joint = self._between(name, kind, parent, link, place * anchor * back)
+        if j in self.tied:
+            joint.set("equality", self.tied[j])
         ET.SubElement(joint, "axis", xyz=_numbers(axis))
         speed, effort = self._actuated(j)
         assumed = SPEED if hinge else STROKE_SPEED
@@ -198,6 +207,40 @@ class _Writer:
                 shape = ET.SubElement(self.links[link], tag)
                 _origin(shape, at)
                 ET.SubElement(ET.SubElement(shape, "geometry"), name, attributes)
+
+
+def _tied(mujoco: Any, m: Any) -> dict[int, str]:
+    """The joints that active equalities take freedom from, and what ties each of them.
+
+    An equality of joints ties its first one, which follows the second. A connect or weld ties all
+    joints between its two bodies, unless one of the joints is free: then that body is carried.
+    """
+    tied: dict[int, str] = {}
+    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY):
+        return tied
+    kinds = {int(getattr(mujoco.mjtEq, f"mjEQ_{each.upper()}")): each for each in TYING}
+    for i in range(m.neq):
+        kind, ends = kinds.get(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
+        if kind is None or not m.eq_active0[i]:
+            continue
+        if m.eq_objtype[i] == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = [int(m.site_bodyid[end]) for end in ends]
+        joints = ends[:1] if kind == "joint" else _between_bodies(m, *ends)
+        if kind == "joint" or int(mujoco.mjtJoint.mjJNT_FREE) not in m.jnt_type[joints]:
+            label = f"<{kind}> {m.equality(i).name!r}" if m.equality(i).name else f"<{kind}>"
+            tied |= dict.fromkeys(joints, label)
+    return tied
+
+
+def _between_bodies(m: Any, a: int, b: int) -> list[int]:
+    """The joints that move body a and not b, or b and not a."""
+    joints: list[int] = []
+    while a != b:
+        a, b = max(a, b), min(a, b)  # a parent has the smaller number
+        first = int(m.body_jntadr[a])
+        joints += range(first, first + int(m.body_jntnum[a]))
+        a = int(m.body_parentid[a])
+    return joints
 
 
 def _origin(element: ET.Element, place: pin.SE3) -> None:
