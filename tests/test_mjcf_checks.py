@@ -53,6 +53,17 @@ def test_what_is_not_multiplied_beyond_the_limit_is_read(tmp_path: Path) -> None
     check_size(file_of(tmp_path, '<include file="arm.xml"/><include file="lost.xml"/>'))
 
 
+def test_a_file_that_includes_itself_or_has_too_long_a_name_is_left_to_mujoco(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "parts").mkdir()
+    again = '<include file="../parts/more.xml"/>'  # from its own folder
+    (tmp_path / "parts" / "more.xml").write_text(f"<mujocoinclude>{again}</mujocoinclude>")
+    for name in ("parts/more.xml", "x" * 5000):
+        with pytest.raises(ArmError, match="MuJoCo cannot read it: XML Error"):
+            load_arm(file_of(tmp_path, f'<include file="{name}"/>'), "flange")
+
+
 def test_what_mujoco_attaches_is_counted_when_it_is_there(tmp_path: Path) -> None:
     (tmp_path / "part.xml").write_text(
         f"<mujoco><worldbody><body name='part'>{900 * '<site/>'}</body></worldbody></mujoco>"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def check_size(path: Path) -> None:
     Raises:
         ArmError: they are more than MOST_LINKS; or an included file is not XML that is read.
     """
-    total, included = 0.0, set[Path]()
+    total, included = 0.0, {path.resolve()}
     rest = [(_root(path), path, 1.0, False)]
     while rest:
         element, file, times, in_world = rest.pop()
@@ -33,9 +34,9 @@ def check_size(path: Path) -> None:
             check_count(total, path)
         if element.tag == "include":
             name = element.get("file", "")
-            found = [folder / name for folder in (path.parent, file.parent)]
-            file = next((each for each in found if each.is_file()), path)
-            if file != path and file not in included:  # MuJoCo refuses to include a file twice
+            places = (folder / name for folder in (path.parent, file.parent))
+            file = next((each for each in places if _there(each)), path).resolve()
+            if file not in included:  # MuJoCo refuses to include a file twice
                 included.add(file)
                 rest.append((_root(file), file, times, in_world))
         rest += [(child, file, times, in_world) for child in element]
@@ -59,6 +60,14 @@ def _root(path: Path) -> ET.Element:
     raw = path.read_bytes()
     check_xml(raw, str(path))
     return ET.fromstring(raw)
+
+
+def _there(path: Path) -> bool:
+    """Whether a file is there and may be read; False where its name is too long, too."""
+    try:
+        return path.is_file() and os.access(path, os.R_OK)
+    except OSError:
+        return False
 
 
 def _count(element: ET.Element) -> float:
