@@ -132,6 +132,13 @@ def test_limits_are_those_of_the_file_and_others_are_said_to_be_assumed(path: Pa
     assert arm.model.effortLimit.tolist() == [0.0, 30.0, 40.0, 40.0, 0.0, 40.0]
 
 
+def test_a_velocity_actuator_without_gear_says_no_speed(path: Path) -> None:
+    path.write_text(ARM.replace('gear="0.5"', 'gear="0"'))
+    arm = load_arm(path, "flange")
+    assert arm.velocity[3] == SPEED
+    assert arm.is_assumed("velocity")[3]
+
+
 def test_no_real_arm_is_driven_at_an_assumed_speed(path: Path) -> None:
     arm = load_arm(path, "flange", acceleration=5.0, jerk=100.0)
     with pytest.raises(

@@ -144,3 +144,31 @@ def test_a_file_that_names_a_urdf_wrongly_is_refused_in_words(
     file.write_text(re.sub(re.escape(old), new, file.read_text()))
     with pytest.raises((RcmqpError, OptionError), match=said):
         load_instrument(file)
+
+
+def test_a_urdf_of_one_joint_is_a_wrist_of_one_joint(tmp_path: Path) -> None:
+    one = (
+        '<joint name="wrist_pitch" type="revolute"><parent link="instrument_base"/>'
+        '<child link="tool_tip"/><origin xyz="0 0 0.3"/><axis xyz="1 0 0"/>'
+        '<limit lower="-1" upper="1" velocity="3" effort="1"/></joint>'
+    )
+    file = instrument_file(tmp_path, one)
+    urdf = tmp_path / "tool.urdf"
+    for link in LINKS[1:-1]:
+        urdf.write_text(urdf.read_text().replace(f'<link name="{link}"/>', ""))
+    found = load_instrument(file)
+    assert found.wrist is not None
+    assert found.length == pytest.approx(0.3, abs=1e-15)
+    assert [(joint.name, joint.axis) for joint in found.wrist.joints] == [
+        ("wrist_pitch", (1.0, 0.0, 0.0))
+    ]
+
+
+@pytest.mark.parametrize("value", ["[0.1]", "{z = 0.1}", "'far'", "1" + 400 * "0"])
+def test_a_mount_offset_that_is_no_length_is_refused_beside_a_urdf(
+    value: str, tmp_path: Path
+) -> None:
+    file = instrument_file(tmp_path)
+    file.write_text(f"mount_offset = {value}\n{file.read_text()}")
+    with pytest.raises(OptionError, match=r"tool\.toml: mount_offset"):
+        load_instrument(file)

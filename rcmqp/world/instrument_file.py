@@ -108,8 +108,9 @@ def _read_wrist(path: Path, entry: dict[str, Any]) -> None:
         )
     if "length" in entry:
         raise OptionError(f"{path}: the URDF of [wrist] says how long the shaft is; no length")
+    offset = Instrument(mount_offset=entry.get("mount_offset", 0.0)).mount_offset
     end, entry["wrist"] = wrist_of_urdf(path.parent / table["urdf"], table["shaft"], table["tip"])
-    entry["length"] = end - float(entry.get("mount_offset", 0.0))
+    entry["length"] = end - offset
 
 
 def _check_joints(path: Path, joints: Any) -> None:

@@ -43,6 +43,7 @@ from rcmqp.world.questions import file_questions, home_question, questions
 from rcmqp.world.urdf import (
     Urdf,
     assumed_speeds,
+    equalities_of,
     limits_of,
     model_of,
     placed,
@@ -305,6 +306,7 @@ def built(
             model.names[i] = f"{model.names[i]} (joint)"
     model = pin.buildReducedModel(model, hold, q)
     _check(model, flange, name)
+    _check_untied(model, urdf, name)
     notes += _set_position_and_speed(model, urdf, own)
     if urdf is not given:
         notes.append("a parallelogram is put into one joint; its bars are not drawn")
@@ -406,6 +408,18 @@ def _check(model: pin.Model, flange: str, name: str) -> None:
                 f"{name}: joint {joint_name!r} has {joint.nv} degrees of freedom "
                 f"({joint.shortname()}); only a fixed-base arm of revolute, continuous and "
                 "prismatic joints can be used: fix the base to the world"
+            )
+
+
+def _check_untied(model: pin.Model, urdf: Urdf, name: str) -> None:
+    """Refuse joints between base and flange that an MJCF's <equality> ties to something."""
+    tied = equalities_of(urdf)
+    for joint in model.names[1:]:
+        if joint in tied:
+            raise ArmError(
+                f"{name}: joint {joint!r} moves the flange, and is tied by the active "
+                f"{tied[joint]} of <equality>; each joint between base and flange must move "
+                "alone: hold it with locked, or take the <equality> out if the arm has none"
             )
 
 

@@ -14,9 +14,13 @@ import pinocchio as pin
 from rcmqp.errors import ArmError, ArmWarning
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm_limits import SPEED, STROKE_SPEED
+from rcmqp.world.mjcf_checks import check_count, check_size
 
 DRAWN = 3
 """Groups of geoms below this are drawn, as MuJoCo's viewer does."""
+
+TYING = ("joint", "connect", "weld")
+"""Elements of <equality> that take freedom from joints."""
 
 
 def urdf_from_mjcf(path: Path) -> bytes:
@@ -25,11 +29,14 @@ def urdf_from_mjcf(path: Path) -> bytes:
     MuJoCo follows includes, defaults and angles of any kind. A body has a link for each of its
     joints, and its own one on the last. Position limits are the joints' ranges, efforts their
     force ranges. Speed limits are those of velocity actuators; of other joints SPEED is written,
-    and marked as assumed. Meshes keep their files; one that is not there is left out.
+    and marked as assumed. Joints that an active <equality> ties by a joint, connect or weld are
+    marked, and loading refuses those that move the flange; equalities of tendons and flexes are
+    not looked at, nor are those of other joints, which are held at zero. Meshes keep their files;
+    one that is not there is left out.
 
     Raises:
-        ArmError: MuJoCo is not installed, or refuses the file; or a joint is of a kind that an arm
-            does not have.
+        ArmError: MuJoCo is not installed, or refuses the file; the file has too many bodies,
+            joints and sites; or a joint is of a kind that an arm does not have.
     """
     try:
         mujoco: Any = importlib.import_module("mujoco")
@@ -38,12 +45,14 @@ def urdf_from_mjcf(path: Path) -> bytes:
             f"{path} is MuJoCo's MJCF, and the package mujoco is not installed: pip install "
             "'rcmqp[mjcf]'; or give the arm's URDF, which its maker has"
         ) from error
+    check_size(path)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         _lighten(spec, path)
         compiled = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise ArmError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+    check_count(compiled.nbody + compiled.njnt + compiled.nsite, path)
     return _Writer(mujoco, spec, compiled, path).text()
 
 
@@ -76,7 +85,8 @@ class _Writer:
     def __init__(self, mujoco: Any, spec: Any, model: Any, path: Path) -> None:
         self.mujoco, self.spec, self.model, self.path = mujoco, spec, model, path
         self.root = ET.Element("robot", name=spec.modelname or path.stem)
-        self.links: set[str] = set()
+        self.links: dict[str, ET.Element] = {}
+        self.tied = _tied(mujoco, model)
 
     def text(self) -> bytes:
         m = self.model
@@ -99,8 +109,7 @@ class _Writer:
         """A new link; ``more`` is added to a name that another link has."""
         while name in self.links:
             name += more or "_"
-        self.links.add(name)
-        ET.SubElement(self.root, "link", name=name)
+        self.links[name] = ET.SubElement(self.root, "link", name=name)
         return name
 
     def _joint(self, j: int, parent: str, place: pin.SE3) -> tuple[str, pin.SE3]:
@@ -125,6 +134,8 @@ class _Writer:
         kind = ("revolute" if limited else "continuous") if hinge else "prismatic"
         link = self._link(f"{name}_link")
         joint = self._between(name, kind, parent, link, place * anchor * back)
+        if j in self.tied:
+            joint.set("equality", self.tied[j])
         ET.SubElement(joint, "axis", xyz=_numbers(axis))
         speed, effort = self._actuated(j)
         assumed = SPEED if hinge else STROKE_SPEED
@@ -145,6 +156,8 @@ class _Writer:
             if not of_joint or m.actuator_trnid[i, 0] != j:
                 continue
             gear, gain = abs(float(m.actuator_gear[i, 0])), float(m.actuator_gainprm[i, 0])
+            if gear == 0.0:  # it moves nothing
+                continue
             _, position, velocity = m.actuator_biasprm[i, :3]
             if m.actuator_ctrllimited[i] and position == 0.0 and velocity == -gain != 0.0:
                 speed = float(np.abs(m.actuator_ctrlrange[i]).max()) / gear
@@ -189,12 +202,45 @@ class _Writer:
             shapes = [(place * own.inverse(), "mesh", file)]
         tags = ["visual"] if m.geom_group[i] < DRAWN else []
         tags += ["collision"] if m.geom_contype[i] or m.geom_conaffinity[i] else []
-        element = next(each for each in self.root.iterfind("link") if each.get("name") == link)
         for tag in tags:
             for at, name, attributes in shapes:
-                shape = ET.SubElement(element, tag)
+                shape = ET.SubElement(self.links[link], tag)
                 _origin(shape, at)
                 ET.SubElement(ET.SubElement(shape, "geometry"), name, attributes)
+
+
+def _tied(mujoco: Any, m: Any) -> dict[int, str]:
+    """The joints that active equalities take freedom from, and what ties each of them.
+
+    An equality of joints ties its first one, which follows the second. A connect or weld ties all
+    joints between its two bodies, unless one of the joints is free: then that body is carried.
+    """
+    tied: dict[int, str] = {}
+    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY):
+        return tied
+    kinds = {int(getattr(mujoco.mjtEq, f"mjEQ_{each.upper()}")): each for each in TYING}
+    for i in range(m.neq):
+        kind, ends = kinds.get(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
+        if kind is None or not m.eq_active0[i]:
+            continue
+        if m.eq_objtype[i] == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = [int(m.site_bodyid[end]) for end in ends]
+        joints = ends[:1] if kind == "joint" else _between_bodies(m, *ends)
+        if kind == "joint" or int(mujoco.mjtJoint.mjJNT_FREE) not in m.jnt_type[joints]:
+            label = f"<{kind}> {m.equality(i).name!r}" if m.equality(i).name else f"<{kind}>"
+            tied |= dict.fromkeys(joints, label)
+    return tied
+
+
+def _between_bodies(m: Any, a: int, b: int) -> list[int]:
+    """The joints that move body a and not b, or b and not a."""
+    joints: list[int] = []
+    while a != b:
+        a, b = max(a, b), min(a, b)  # a parent has the smaller number
+        first = int(m.body_jntadr[a])
+        joints += range(first, first + int(m.body_jntnum[a]))
+        a = int(m.body_parentid[a])
+    return joints
 
 
 def _origin(element: ET.Element, place: pin.SE3) -> None:

@@ -141,6 +141,12 @@ def assumed_speeds(urdf: Urdf) -> list[str]:
     ]
 
 
+def equalities_of(urdf: Urdf) -> dict[str, str]:
+    """Joints that an MJCF's <equality> ties, and the element that ties each of them."""
+    marked = (joint for joint in _joints(urdf) if "equality" in joint.attrib)
+    return {joint.attrib["name"]: joint.attrib["equality"] for joint in marked}
+
+
 def soft_limits_of(urdf: Urdf, joint: str) -> tuple[float, float]:
     """Lower and upper soft limit of a joint's <safety_controller>; infinite where not given."""
     for element in _joints(urdf):

@@ -92,7 +92,7 @@ def _axis(urdf: Urdf, model: pin.Model, data: pin.Data, joint: int, start: pin.S
     if model.joints[joint].nq != 1:
         raise ArmError(f"{urdf.path}: {name} turns without end; make it revolute, with limits")
     columns = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.WORLD)
-    motion = columns[:, model.joints[joint].idx_v]
+    motion = columns.reshape(6, -1)[:, model.joints[joint].idx_v]  # (6,) for a model of one joint
     if math.hypot(*motion[3:]) < 0.5:
         raise ArmError(f"{urdf.path}: {name} slides; the joints of a wrist turn")
     elements = (each for each in urdf.root.iterfind("joint") if each.get("name") == name)
