@@ -20,6 +20,7 @@ from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder, checked_id
 from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
 from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
+from rcmqp.files import _part
 from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.goals import Goals
 from rcmqp.live.messages import Malformed, Said, parse
@@ -89,11 +90,12 @@ def test_delete_removes_all_of_a_participant_and_nothing_else(tmp_path: Path) ->
     summed_up = ["figures/P01-1_fig6_errors.png", "figures/groups_1.png", "answers.csv"]
     for name in (*summed_up, "figures/P011-1_fig6_errors.png"):
         (tmp_path / name).write_text("of all")
-    left = tmp_path / "trials" / ".P01-1.h5@host@1-2.part"
-    left.write_bytes(b"killed")
+    for name in ("people/P01.json", "trials/P01-1.json", "trials/P01-1.h5"):
+        _part(tmp_path / name).write_bytes(b"killed")
     with pytest.raises(SystemExit, match="0"):
         main(["trial", "--out", str(tmp_path), "--delete", "P01"])
     assert folder.identifiers() == ["P011", "P02"]
+    assert {file.name for file in (tmp_path / "people").iterdir()} == {"P011.json", "P02.json"}
     names = sorted(file.name for file in (tmp_path / "trials").iterdir())
     assert [file.name for file in (tmp_path / "figures").iterdir()] == ["P011-1_fig6_errors.png"]
     assert not (tmp_path / "answers.csv").exists()

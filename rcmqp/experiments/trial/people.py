@@ -132,7 +132,7 @@ class Folder:
             file  # names that begin with a point are those of files that a kill left unfinished
             for folder in (PEOPLE, TRIALS, FIGURES)
             for file in (self.path / folder).glob("*")
-            if re.fullmatch(rf"\.?{checked_id(identifier)}[.-].*", file.name) and file.is_file()
+            if re.fullmatch(rf"\.?{checked_id(identifier)}[.@-].*", file.name) and file.is_file()
         ]
         if not there:
             known = ", ".join(self.identifiers()) or "nobody"
