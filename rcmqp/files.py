@@ -80,6 +80,18 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def remove(path: str | os.PathLike[str]) -> None:
+    """Remove a file, if it is there.
+
+    Raises:
+        RunFileError: it cannot be removed.
+    """
+    try:
+        Path(path).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFileError(Path(path), f"cannot be removed: {error.strerror}") from error
+
+
 def absent(path: str | os.PathLike[str]) -> str:
     """Why there is no file to read at a path: what follows the path in an error."""
     path = Path(path)

@@ -12,7 +12,7 @@ from typing import Any
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.questions import group_of
-from rcmqp.files import make_folder, write_text
+from rcmqp.files import make_folder, remove, write_text
 from rcmqp.references.operators import GROUPS
 
 PEOPLE, TRIALS = "people", "trials"
@@ -140,10 +140,7 @@ class Folder:
         groups = (self.path / FIGURES).glob("groups_*")
         there += [*filter(Path.is_file, [self.path / name for name in SUMMARIES]), *groups]
         for file in there:
-            try:
-                file.unlink()
-            except OSError as error:
-                raise RunFileError(file, f"cannot be removed: {error.strerror}") from error
+            remove(file)
         return len(there)
 
     def _person_file(self, identifier: str) -> Path:

@@ -29,7 +29,10 @@ export class Link {
       this.take();
     });
     this.socket.addEventListener("close", () => {
-      if (!this.over) listener.ended("the connection is lost; the arm is at rest");
+      if (this.over) return;
+      const line = document.querySelector("#over p");
+      if (line) line.textContent = "The connection is lost. Please tell the experimenter.";
+      listener.ended("the connection is lost; the arm is at rest");
     });
     this.socket.addEventListener("message", ({ data }) => {
       const said = JSON.parse(data);
@@ -45,9 +48,10 @@ export class Link {
     setInterval(() => this.ping(), 1000);
   }
 
-  /** What the page was for is over: say so in its place. @param {{title: string, text: string}} words */
-  cover({ title, text }) {
-    this.over = true;
+  /** What the page was for is over: say so in its place. @param {{title: string, text: string, last: boolean}} words */
+  cover({ title, text, last }) {
+    this.over = last; // the server goes then, and nothing is lost
+    document.querySelector("#over")?.remove();
     const [cover, heading, line] = [document.createElement("main"), document.createElement("h1"), document.createElement("p")];
     cover.className = "form";
     cover.id = "over";
