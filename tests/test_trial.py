@@ -55,7 +55,8 @@ def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -
     rows = {0: [], 3: []}  # type: dict[int, list[int]]
     for _ in range(6):
         for games in rows:
-            person = folder.add(folder.next_id(), NONE | {"games": games}, chosen)
+            with folder.sitting() as name:
+                person = folder.add(name, NONE | {"games": games}, chosen)
             rows[games].append(person.row)
     assert rows == {0: list(range(6)), 3: list(range(6))}
 
@@ -108,8 +109,25 @@ def test_the_next_identifier_is_never_one_of_somebody_before(tmp_path: Path) -> 
     folder = Folder(tmp_path)
     for name in ("P01", "P02", "P09", "XY12"):
         folder.add(name, NONE, design())
-    folder.delete("P02")
-    assert folder.next_id() == "P10"
+    for name in ("P09", "P02"):
+        folder.delete(name)
+    with folder.sitting() as name:
+        assert name == "P10"
+    assert (tmp_path / "highest_number.txt").read_text() == "9\n"
+
+
+def test_no_two_sittings_have_the_same_participant(tmp_path: Path) -> None:
+    folder, other = Folder(tmp_path), Folder(tmp_path)
+    with folder.sitting() as first, other.sitting() as second:
+        assert (first, second) == ("P01", "P02")
+        folder.add("P01", NONE, design())
+        with pytest.raises(OptionError, match="P01 is with another"), other.sitting("P01"):
+            pass
+        with pytest.raises(OptionError, match="P01 is with another"):
+            other.delete("P01")
+    with other.sitting("P01") as name:  # what is left of a sitting that was over holds nobody
+        assert name == "P01"
+    assert folder.delete("P01") == 2
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"identifier": "P01"}', '{"group": "nobody"}'])

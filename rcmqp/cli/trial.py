@@ -106,15 +106,16 @@ def trial(
     from rcmqp.files import make_folder
 
     design.keep(make_folder(folder))
-    who = kept.next_id() if identifier is None else checked_id(identifier)
+    with kept.sitting(identifier) as who:
 
-    def started(address: str) -> None:
-        said = f"{address}\nparticipant {who}; Ctrl-C breaks off"
-        out.print(said, markup=False, highlight=False, soft_wrap=True)
-        if not no_open:
-            webbrowser.open(address)
+        def started(address: str) -> None:
+            said = f"{address}\nparticipant {who}; Ctrl-C breaks off"
+            out.print(said, markup=False, highlight=False, soft_wrap=True)
+            if not no_open:
+                webbrowser.open(address)
 
-    if why := run_trial(design, kept, who, port=port, started=started):
+        why = run_trial(design, kept, who, port=port, started=started)
+    if why:
         again = f"rcmqp trial --out {folder} --id {who} goes on from here"
         out.print(f"{why}; {again}", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(1)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,14 @@ from typing import Any
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.questions import group_of
-from rcmqp.files import make_folder, remove, write_text
+from rcmqp.files import held, make_folder, remove, write_text
 from rcmqp.references.operators import GROUPS
 
 PEOPLE, TRIALS = "people", "trials"
 """Folders of a study: answers before the task, and trials with the answers after it."""
+
+HIGHEST = "highest_number.txt"
+"""File of the highest number of P01, P02 and so on when a participant was deleted last."""
 
 FIGURES, SUMMARIES = "figures", ("table.md", "trials.csv", "answers.csv")
 """What ``rcmqp study`` makes of them all: a folder and files."""
@@ -69,10 +74,43 @@ class Folder:
         found = (file.stem for file in (self.path / PEOPLE).glob("*.json"))
         return sorted(name for name in found if IDENTIFIER.fullmatch(name))
 
-    def next_id(self) -> str:
-        """The one of P01, P02 and so on that follows the last."""
-        numbers = [int(name[1:]) for name in self.identifiers() if re.fullmatch("P[0-9]+", name)]
-        return f"P{max(numbers, default=0) + 1:02d}"
+    @contextmanager
+    def sitting(self, identifier: str | None = None) -> Iterator[str]:
+        """Hold a participant until the block ends, so that no other process leads the same one.
+
+        Without an identifier it is the one of P01, P02 and so on that follows all there ever were.
+
+        Raises:
+            OptionError: the participant is held already, or the identifier is none.
+            RunFileError: the folder cannot be written.
+        """
+        names: Iterable[str] = (f"P{n:02d}" for n in itertools.count(1 + self._highest()))
+        if identifier is not None:
+            names = [checked_id(identifier)]
+        make_folder(self.path / PEOPLE)
+        for name in names:
+            with held(self._lock(name)) as free:
+                if free:
+                    yield name
+                    return
+        raise OptionError(
+            f"{identifier} is with another rcmqp trial in {self.path} now; wait until that has "
+            "ended, or end it with Ctrl-C"
+        )
+
+    def _highest(self, *more: str) -> int:
+        """The highest number of P01, P02 and so on that there ever was; 0 without any."""
+        file = self.path / HIGHEST
+        try:
+            before = int(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            before = 0
+        except (OSError, ValueError) as error:
+            raise RunFileError(
+                file, "is damaged; write the highest number of a participant so far into it"
+            ) from error
+        names = (*self.identifiers(), *more)
+        return max([before, *(int(name[1:]) for name in names if re.fullmatch("P[0-9]+", name))])
 
     def person(self, identifier: str) -> Person | None:
         """A participant; None before the questions are answered.
@@ -125,7 +163,7 @@ class Folder:
         """Remove all of a participant, and what sums up all people; how many files there were.
 
         Raises:
-            OptionError: nobody has this identifier.
+            OptionError: nobody has this identifier, or this participant is held, see sitting().
             RunFileError: a file cannot be removed.
         """
         there = [
@@ -139,9 +177,14 @@ class Folder:
             raise OptionError(f"{self.path} has no participant {identifier}; it has {known}")
         groups = (self.path / FIGURES).glob("groups_*")
         there += [*filter(Path.is_file, [self.path / name for name in SUMMARIES]), *groups]
-        for file in there:
-            remove(file)
+        with self.sitting(identifier):
+            write_text(self.path / HIGHEST, f"{self._highest(identifier)}\n")
+            for file in {*there, self._lock(identifier)}:
+                remove(file)
         return len(there)
+
+    def _lock(self, identifier: str) -> Path:
+        return self.path / PEOPLE / f".{checked_id(identifier)}.lock"
 
     def _person_file(self, identifier: str) -> Path:
         return self.path / PEOPLE / f"{checked_id(identifier)}.json"
