@@ -249,6 +249,8 @@ def test_answers_before_that_are_not_allowed_are_refused(
 def test_answers_after_are_1_to_4_and_a_comment() -> None:
     given = {"ease": 1, "followed": 4, "comment": " good "}
     assert checked_after(given) == {"ease": 1, "followed": 4, "comment": "good"}
+    half = json.loads(r'"half \ud83d, whole \ud83d\ude00"')
+    assert checked_after(given | {"comment": half})["comment"] == "half ?, whole \U0001f600"
     for wrong in ({"ease": 0}, {"followed": 5}, {"comment": 3}, {"comment": "x" * 501}):
         with pytest.raises(OptionError, match=r"must be|comment"):
             checked_after(given | wrong)
