@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design
 from rcmqp.experiments.trial.people import Folder
@@ -86,7 +88,7 @@ def sit(monkeypatch: pytest.MonkeyPatch, path: Path, *ends: dict[str, Any]) -> P
     monkeypatch.setattr(sitting, "READING", 0.0)
     page = Participant()
     console: Any = page
-    with contextlib.suppress(LoopEnded):
+    with contextlib.suppress(LoopEnded, OptionError):
         asyncio.run(sitting.Sitting(DESIGN, Folder(path), "P01", console).run())
     assert left == []
     return page
@@ -115,3 +117,12 @@ def test_a_participant_is_told_when_the_sitting_fails(
         "last": True,
     }
     assert [words.get("last") for words in page.told].count(True) == 1
+
+
+def test_a_participant_of_an_order_that_the_study_has_not_is_refused_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Folder(tmp_path)
+    person = folder.add("P01", dict.fromkeys(EXPERIENCE, 0), DESIGN)
+    folder.keep_person(dataclasses.replace(person, row=1))
+    assert sit(monkeypatch, tmp_path).told[-1]["title"] == "Something went wrong."

@@ -130,6 +130,44 @@ def test_no_two_sittings_have_the_same_participant(tmp_path: Path) -> None:
     assert folder.delete("P01") == 2
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *({"row": 1.0}, {"row": -1}, {"row": True}, {"practised": 1}, {"group": []}, {"age": 40}),
+        *({"before": []}, {"before": NONE | {"games": 4}}, {"before": {"games": 0}}),
+    ],
+)
+def test_a_participant_of_wrong_types_or_ranges_is_refused_by_name(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    folder = Folder(tmp_path)
+    person = folder.add("P01", NONE, design())
+    file = tmp_path / "people" / "P01.json"
+    file.write_text(json.dumps(dataclasses.asdict(person) | changes))
+    with pytest.raises(RunFileError, match=r"P01\.json: is damaged"):
+        folder.person("P01")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *({"attempts": "1"}, {"number": 2}, {"finished": 1}, {"faults": ""}),
+        *({"law": 3}, {"law": "[1]"}, {"law": "[1, 2, []]"}, {"answers": 3}, {"answers": {}}),
+    ],
+)
+def test_notes_of_wrong_types_or_ranges_are_refused_by_name(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    folder = Folder(tmp_path)
+    folder.add("P01", NONE, design())
+    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "faults": [], "finished": None}
+    folder.keep_notes("P01", 1, notes | {"answers": None})
+    assert folder.notes("P01", 1) is not None
+    folder.keep_notes("P01", 1, notes | {"answers": None} | changes)
+    with pytest.raises(RunFileError, match=r"P01-1\.json: is damaged"):
+        folder.notes("P01", 1)
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"identifier": "P01"}', '{"group": "nobody"}'])
 def test_a_damaged_file_of_a_participant_is_refused_by_name(tmp_path: Path, text: str) -> None:
     folder = Folder(tmp_path)

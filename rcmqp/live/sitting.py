@@ -73,7 +73,7 @@ class Sitting:
 
         Raises:
             BrokenOff: the participant breaks off.
-            RcmqpError: a loop cannot begin, or a file cannot be written.
+            RcmqpError: a loop cannot begin, or a file is damaged or cannot be written.
         """
         try:
             await self._lead()
@@ -94,7 +94,13 @@ class Sitting:
             asyncio.to_thread(start_data, scenario, law.name, dict(law.options))
         )
         person = await self._before()
-        order = orders(len(laws))[person.row]
+        rows = orders(len(laws))
+        if person.row >= len(rows):
+            raise OptionError(
+                f"{self._id} has the order number {person.row} of the controllers, there are only "
+                f"{len(rows)}, from 0; delete the participant with rcmqp trial --delete"
+            )
+        order = rows[person.row]
         if not person.practised:
             await self._practise(person, laws[order[0]])
         for number, k in enumerate(order, 1):

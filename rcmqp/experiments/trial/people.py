@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.errors import OptionError, RunFileError
+from rcmqp.errors import OptionError, RcmqpError, RunFileError, UnknownName
+from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
-from rcmqp.experiments.trial.questions import group_of
+from rcmqp.experiments.trial.questions import EXPERIENCE, LEVELS, checked_after, group_of
 from rcmqp.files import held, make_folder, remove, write_text
 from rcmqp.references.operators import GROUPS
 
@@ -25,6 +27,9 @@ HIGHEST = "highest_number.txt"
 
 FIGURES, SUMMARIES = "figures", ("table.md", "trials.csv", "answers.csv")
 """What ``rcmqp study`` makes of them all: a folder and files."""
+
+DAMAGED = "is damaged; delete the participant with rcmqp trial --delete"
+"""What is said of a file of a participant that is not as it was written."""
 
 IDENTIFIER = re.compile(r"[A-Z]{0,3}[0-9]{1,6}", re.ASCII)
 
@@ -123,11 +128,19 @@ class Folder:
             return None
         try:
             found = Person(**data)
-            known = found.group in GROUPS and found.identifier == identifier
+            known = (
+                found.group in GROUPS
+                and found.identifier == identifier
+                and _is_whole(found.row, 0)
+                and isinstance(found.practised, bool)
+                and isinstance(found.before, dict)
+                and found.before.keys() == EXPERIENCE.keys()
+                and all(_is_whole(level, 0, len(LEVELS) - 1) for level in found.before.values())
+            )
         except TypeError:
             known = False
         if not known:
-            raise RunFileError(self._person_file(identifier), "is damaged; delete the participant")
+            raise RunFileError(self._person_file(identifier), DAMAGED)
         return found
 
     def add(self, identifier: str, before: Mapping[str, int], design: Design) -> Person:
@@ -152,8 +165,30 @@ class Folder:
         return self.path / TRIALS / f"{checked_id(identifier)}-{number}.h5"
 
     def notes(self, identifier: str, number: int) -> dict[str, Any] | None:
-        """What is kept beside a run: condition, latencies, answers; None before its end."""
-        return self._read(self.run_file(identifier, number).with_suffix(".json"))
+        """What is kept beside a run: condition, latencies, answers; None before its first attempt.
+
+        Raises:
+            RunFileError: the file is damaged.
+        """
+        file = self.run_file(identifier, number).with_suffix(".json")
+        if (data := self._read(file)) is None:
+            return None
+        try:
+            with suppress(UnknownName):  # a plug-in's that is not installed here
+                Law.from_json(data["law"])
+            if data["answers"] is not None:
+                data["answers"] = checked_after(data["answers"])
+            known = (
+                data["number"] == number
+                and _is_whole(data["attempts"], 0)
+                and isinstance(data["faults"], list)
+                and (data["finished"] is None or isinstance(data["finished"], bool))
+            )
+        except (ValueError, TypeError, KeyError, AttributeError, RcmqpError):
+            known = False
+        if not known:
+            raise RunFileError(file, DAMAGED)
+        return data
 
     def keep_notes(self, identifier: str, number: int, notes: Mapping[str, Any]) -> None:
         """Write what is kept beside a run."""
@@ -197,8 +232,12 @@ class Folder:
         except (OSError, ValueError) as error:
             raise RunFileError(file, f"cannot be read: {error}") from error
         if not isinstance(data, dict):
-            raise RunFileError(file, "is damaged; delete the participant")
+            raise RunFileError(file, DAMAGED)
         return data
+
+
+def _is_whole(value: Any, least: int, most: float = math.inf) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 
 
 def _json(data: Mapping[str, Any]) -> str:
