@@ -159,6 +159,8 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
         watcher.goto(address)
         until(lambda: "another page" in watcher.inner_text("#problem"), "the other page")
         page.bring_to_front()
+        page.reload()
+        came(page, "Before you begin")
         assert "You may stop <b>at any time</b>." in page.inner_text(".consent")
         answer(page, laparoscopy=0, simulators=0, haptics=0, games=0)
         page.click("button[type=submit]")

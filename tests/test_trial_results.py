@@ -138,9 +138,10 @@ def test_the_command_writes_tables_and_the_figures_of_each_task(
 def test_options_of_a_simulated_study_are_refused_with_people(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit, match="1"):
-        main(["study", str(folder), "--gain", "3"])
-    assert "give no more than" in " ".join(capsys.readouterr().err.split())
+    for option in (["--gain", "3"], ["--out", "x"], ["--instrument", "large_needle_driver"]):
+        with pytest.raises(SystemExit, match="1"):
+            main(["study", str(folder), *option])
+        assert "give no more than" in " ".join(capsys.readouterr().err.split())
     with pytest.raises(OptionError, match="places of this study's task"):
         read_results(folder, operators=1)
 
