@@ -14,6 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rcmqp.cli import main
+from rcmqp.cli.trial import _design
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
@@ -28,6 +29,12 @@ from rcmqp.references.operators.camera_task import CameraTask
 from rcmqp.references.paths import Search
 from rcmqp.runs.loading import load_scenario
 
+OWN = """
+import dataclasses
+from rcmqp import load_scenario
+def scenario(arm="panda", **options):
+    return dataclasses.replace(load_scenario("camera_task", arm, **options), duration=20.0)
+"""
 NONE = dict.fromkeys(EXPERIENCE, 0)
 LAWS = (Law("hierarchical_qp"), Law("dual_quaternion"), Law("vfi_qp"))
 TASK = scenarios_task(load_scenario("camera_task", "panda"))
@@ -187,6 +194,23 @@ def test_a_design_is_kept_and_another_one_in_its_folder_is_refused(tmp_path: Pat
     chosen.keep(tmp_path)
     with pytest.raises(OptionError, match="another practice"):
         design(consent="You may stop at any time.").keep(tmp_path)
+
+
+def test_a_scenario_that_has_changed_since_the_study_began_is_refused(tmp_path: Path) -> None:
+    file, changed = tmp_path / "own.py", "is not what it was when the study began"
+    file.write_text(OWN)
+    chosen = _design(str(file), "panda", None, None, None, {})
+    chosen.keep(tmp_path)
+    kept = Design.load(tmp_path)
+    kept.made(kept.laws[0])
+    chosen.keep(tmp_path)
+    file.write_text(OWN.replace("20.0", "30.0"))
+    with pytest.raises(OptionError, match=changed):
+        kept.made(kept.laws[0])
+    with pytest.raises(OptionError, match=changed):
+        _design(str(file), "panda", None, None, None, {}).keep(tmp_path)
+    with pytest.raises(SystemExit, match="1"):
+        main(["trial", "--out", str(tmp_path), "--no-open"])
 
 
 def test_a_folder_without_a_study_is_refused_in_words(tmp_path: Path) -> None:

@@ -97,6 +97,7 @@ def trial(
         from rcmqp.experiments.trial.design import Design
 
         design = Design.load(folder)
+        design.check_scenario()
     try:
         from rcmqp.live.trial import run_trial
     except ModuleNotFoundError as error:
@@ -132,7 +133,7 @@ def _design(
 ) -> Design:
     """What the options ask for."""
     from rcmqp.experiments.study.plan import Law
-    from rcmqp.experiments.trial.design import Design
+    from rcmqp.experiments.trial.design import Design, scenario_sha256
     from rcmqp.experiments.trial.task import read_task, scenarios_task
     from rcmqp.runs.loading import load_scenario
 
@@ -149,7 +150,8 @@ def _design(
             text = consent.read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:
             raise OptionError(f"the text of consent {consent} cannot be read: {error}") from error
-    return Design(scenario, arm or "", laws, chosen, consent=text, **given)
+    sha256 = scenario_sha256(scenario, arm or "")
+    return Design(scenario, arm or "", laws, chosen, consent=text, scenario_sha256=sha256, **given)
 
 
 def _check(design: Design) -> None:
