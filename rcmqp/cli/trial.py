@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rcmqp.cli.console import out
+from rcmqp.cli.opening import opening
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, ToolMissing
 
@@ -107,13 +107,13 @@ def trial(
     from rcmqp.files import make_folder
 
     design.keep(make_folder(folder))
-    with kept.sitting(identifier) as who:
+    with kept.sitting(identifier) as who, opening() as show:
 
         def started(address: str) -> None:
             said = f"{address}\nparticipant {who}; Ctrl-C breaks off"
             out.print(said, markup=False, highlight=False, soft_wrap=True)
             if not no_open:
-                webbrowser.open(address)
+                show(address)
 
         why = run_trial(design, kept, who, port=port, started=started)
     if why:
