@@ -80,6 +80,44 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def remove(path: str | os.PathLike[str]) -> None:
+    """Remove a file, if it is there.
+
+    Raises:
+        RunFileError: it cannot be removed.
+    """
+    try:
+        Path(path).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFileError(Path(path), f"cannot be removed: {error.strerror}") from error
+
+
+@contextmanager
+def held(path: str | os.PathLike[str]) -> Iterator[bool]:
+    """Hold a file, made empty if it is not there, for one process; yield whether it was free.
+
+    The system lets it go with the process, so one that was killed holds nothing.
+
+    Raises:
+        RunFileError: it cannot be made, or its file system has no locks.
+    """
+    import fcntl  # not everywhere
+
+    try:
+        stream = Path(path).open("ab")
+    except OSError as error:
+        raise RunFileError(Path(path), f"cannot be written: {why(error)}") from error
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            free = True
+        except BlockingIOError:
+            free = False
+        except OSError as error:
+            raise RunFileError(Path(path), f"cannot be locked: {why(error)}") from error
+        yield free
+
+
 def absent(path: str | os.PathLike[str]) -> str:
     """Why there is no file to read at a path: what follows the path in an error."""
     path = Path(path)

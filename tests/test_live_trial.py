@@ -155,6 +155,12 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(address)
         came(page, "Before you begin")
+        watcher = page.context.new_page()  # never takes the steering from the one that has it
+        watcher.goto(address)
+        until(lambda: "another page" in watcher.inner_text("#problem"), "the other page")
+        page.bring_to_front()
+        page.reload()
+        came(page, "Before you begin")
         assert "You may stop <b>at any time</b>." in page.inner_text(".consent")
         answer(page, laparoscopy=0, simulators=0, haptics=0, games=0)
         page.click("button[type=submit]")

@@ -205,6 +205,7 @@ def test_a_loop_that_is_stepped_is_recorded_too(
     assert np.array_equal(found.v, robot.sent)
     assert any("asked to stop" in reason for reason in found.stops)
     assert loop.report().recorded.startswith(f"{len(robot.sent)} cycles in ")
+    assert record.whole
 
 
 def test_what_cannot_be_recorded_is_refused_before_anything_moves(
@@ -293,6 +294,7 @@ def test_a_disk_that_is_too_slow_ends_the_recording_and_not_the_loop(
         report.recorded
         == f"{len(found.time)} cycles in {tmp_path / 'run.h5'}; it ends early: {why}"
     )
+    assert not record.whole
     assert found.stops == {f"recorded until here only: {why}": [len(found.time) - 1]}
 
 
@@ -309,6 +311,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_loop(
     report = run(robot, controller, record, 1500)
     assert (report.stop.fault, len(robot.sent)) == ("", report.cycles)
     assert report.recorded == "nothing: could not be written: File too large"
+    assert not record.whole
     assert list(tmp_path.iterdir()) == []
 
 
@@ -321,6 +324,7 @@ def test_the_loop_goes_on_without_the_process_that_writes(
     report = run(robot, controller, record, 300)
     assert (report.stop.fault, len(robot.sent)) == ("", report.cycles)
     assert report.recorded == "nothing: the process that writes the file was killed"
+    assert not record.whole
     assert len(list(tmp_path.iterdir())) == 1
     run(Joints(insertion), controller, LoopRecorder(tmp_path / "run.h5", controller), 20)
     assert [path.name for path in tmp_path.iterdir()] == ["run.h5"]

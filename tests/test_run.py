@@ -25,10 +25,12 @@ from rcmqp import (
 )
 from rcmqp.errors import OptionError, RunFileError, UnknownName
 from rcmqp.files import check_writable
-from rcmqp.references.paths import PATHS, Foreign
+from rcmqp.references.paths import PATHS, Foreign, Search
 from rcmqp.runs.head import Head
+from rcmqp.runs.loop_record import TIMES
 from rcmqp.runs.run_file import RunFile
 from rcmqp.show.report.remake import groups_of, remake_text
+from rcmqp.world.obstacles import Sphere
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]
 DATASETS = [field.name for field in CHANNELS] + [
@@ -283,6 +285,15 @@ def test_a_run_along_a_path_that_is_not_known_here_can_be_looked_at_and_not_run_
     assert "its path 'nod' is not one of rcmqp's" in remake_text([group], "")
     in_real_time = dataclasses.replace(found.scenario, path=Foreign("realtime", {}))
     (group,) = groups_of([dataclasses.replace(found, scenario=in_real_time)], ["run.h5"])
+    assert "run.h5: recorded in real time" in remake_text([group], "")
+    search = Search(((0.0, 0.0, 0.1),), (Sphere((0.0, 0.0, 0.15), 0.01),))
+    of_a_person = dataclasses.replace(
+        found,
+        scenario=dataclasses.replace(found.scenario, path=search),
+        diagnostics=dict.fromkeys(TIMES, np.zeros(len(found.time))),
+        about_diagnostics=TIMES,
+    )
+    (group,) = groups_of([of_a_person], ["run.h5"])
     assert "run.h5: recorded in real time" in remake_text([group], "")
     with pytest.raises(OptionError, match="does not know the path 'nod'"):
         simulate(found.scenario, made)

@@ -14,12 +14,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rcmqp.cli import main
+from rcmqp.cli.trial import _design
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder, checked_id
 from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
 from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
+from rcmqp.files import _part
 from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.goals import Goals
 from rcmqp.live.messages import Malformed, Said, parse
@@ -27,6 +29,12 @@ from rcmqp.references.operators.camera_task import CameraTask
 from rcmqp.references.paths import Search
 from rcmqp.runs.loading import load_scenario
 
+OWN = """
+import dataclasses
+from rcmqp import load_scenario
+def scenario(arm="panda", **options):
+    return dataclasses.replace(load_scenario("camera_task", arm, **options), duration=20.0)
+"""
 NONE = dict.fromkeys(EXPERIENCE, 0)
 LAWS = (Law("hierarchical_qp"), Law("dual_quaternion"), Law("vfi_qp"))
 TASK = scenarios_task(load_scenario("camera_task", "panda"))
@@ -54,7 +62,8 @@ def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -
     rows = {0: [], 3: []}  # type: dict[int, list[int]]
     for _ in range(6):
         for games in rows:
-            person = folder.add(folder.next_id(), NONE | {"games": games}, chosen)
+            with folder.sitting() as name:
+                person = folder.add(name, NONE | {"games": games}, chosen)
             rows[games].append(person.row)
     assert rows == {0: list(range(6)), 3: list(range(6))}
 
@@ -89,11 +98,12 @@ def test_delete_removes_all_of_a_participant_and_nothing_else(tmp_path: Path) ->
     summed_up = ["figures/P01-1_fig6_errors.png", "figures/groups_1.png", "answers.csv"]
     for name in (*summed_up, "figures/P011-1_fig6_errors.png"):
         (tmp_path / name).write_text("of all")
-    left = tmp_path / "trials" / ".P01-1.h5@host@1-2.part"
-    left.write_bytes(b"killed")
+    for name in ("people/P01.json", "trials/P01-1.json", "trials/P01-1.h5"):
+        _part(tmp_path / name).write_bytes(b"killed")
     with pytest.raises(SystemExit, match="0"):
         main(["trial", "--out", str(tmp_path), "--delete", "P01"])
     assert folder.identifiers() == ["P011", "P02"]
+    assert {file.name for file in (tmp_path / "people").iterdir()} == {"P011.json", "P02.json"}
     names = sorted(file.name for file in (tmp_path / "trials").iterdir())
     assert [file.name for file in (tmp_path / "figures").iterdir()] == ["P011-1_fig6_errors.png"]
     assert not (tmp_path / "answers.csv").exists()
@@ -106,8 +116,63 @@ def test_the_next_identifier_is_never_one_of_somebody_before(tmp_path: Path) -> 
     folder = Folder(tmp_path)
     for name in ("P01", "P02", "P09", "XY12"):
         folder.add(name, NONE, design())
-    folder.delete("P02")
-    assert folder.next_id() == "P10"
+    for name in ("P09", "P02"):
+        folder.delete(name)
+    with folder.sitting() as name:
+        assert name == "P10"
+    assert (tmp_path / "highest_number.txt").read_text() == "9\n"
+
+
+def test_no_two_sittings_have_the_same_participant(tmp_path: Path) -> None:
+    folder, other = Folder(tmp_path), Folder(tmp_path)
+    with folder.sitting() as first, other.sitting() as second:
+        assert (first, second) == ("P01", "P02")
+        folder.add("P01", NONE, design())
+        with pytest.raises(OptionError, match="P01 is with another"), other.sitting("P01"):
+            pass
+        with pytest.raises(OptionError, match="P01 is with another"):
+            other.delete("P01")
+    with other.sitting("P01") as name:  # what is left of a sitting that was over holds nobody
+        assert name == "P01"
+    assert folder.delete("P01") == 2
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *({"row": 1.0}, {"row": -1}, {"row": True}, {"practised": 1}, {"group": []}, {"age": 40}),
+        *({"before": []}, {"before": NONE | {"games": 4}}, {"before": {"games": 0}}),
+    ],
+)
+def test_a_participant_of_wrong_types_or_ranges_is_refused_by_name(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    folder = Folder(tmp_path)
+    person = folder.add("P01", NONE, design())
+    file = tmp_path / "people" / "P01.json"
+    file.write_text(json.dumps(dataclasses.asdict(person) | changes))
+    with pytest.raises(RunFileError, match=r"P01\.json: is damaged"):
+        folder.person("P01")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *({"attempts": "1"}, {"number": 2}, {"finished": 1}, {"faults": ""}),
+        *({"law": 3}, {"law": "[1]"}, {"law": "[1, 2, []]"}, {"answers": 3}, {"answers": {}}),
+    ],
+)
+def test_notes_of_wrong_types_or_ranges_are_refused_by_name(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    folder = Folder(tmp_path)
+    folder.add("P01", NONE, design())
+    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "faults": [], "finished": None}
+    folder.keep_notes("P01", 1, notes | {"answers": None})
+    assert folder.notes("P01", 1) is not None
+    folder.keep_notes("P01", 1, notes | {"answers": None} | changes)
+    with pytest.raises(RunFileError, match=r"P01-1\.json: is damaged"):
+        folder.notes("P01", 1)
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"identifier": "P01"}', '{"group": "nobody"}'])
@@ -129,6 +194,23 @@ def test_a_design_is_kept_and_another_one_in_its_folder_is_refused(tmp_path: Pat
     chosen.keep(tmp_path)
     with pytest.raises(OptionError, match="another practice"):
         design(consent="You may stop at any time.").keep(tmp_path)
+
+
+def test_a_scenario_that_has_changed_since_the_study_began_is_refused(tmp_path: Path) -> None:
+    file, changed = tmp_path / "own.py", "is not what it was when the study began"
+    file.write_text(OWN)
+    chosen = _design(str(file), "panda", None, None, None, {})
+    chosen.keep(tmp_path)
+    kept = Design.load(tmp_path)
+    kept.made(kept.laws[0])
+    chosen.keep(tmp_path)
+    file.write_text(OWN.replace("20.0", "30.0"))
+    with pytest.raises(OptionError, match=changed):
+        kept.made(kept.laws[0])
+    with pytest.raises(OptionError, match=changed):
+        _design(str(file), "panda", None, None, None, {}).keep(tmp_path)
+    with pytest.raises(SystemExit, match="1"):
+        main(["trial", "--out", str(tmp_path), "--no-open"])
 
 
 def test_a_folder_without_a_study_is_refused_in_words(tmp_path: Path) -> None:
@@ -229,6 +311,8 @@ def test_answers_before_that_are_not_allowed_are_refused(
 def test_answers_after_are_1_to_4_and_a_comment() -> None:
     given = {"ease": 1, "followed": 4, "comment": " good "}
     assert checked_after(given) == {"ease": 1, "followed": 4, "comment": "good"}
+    half = json.loads(r'"half \ud83d, whole \ud83d\ude00"')
+    assert checked_after(given | {"comment": half})["comment"] == "half ?, whole \U0001f600"
     for wrong in ({"ease": 0}, {"followed": 5}, {"comment": 3}, {"comment": "x" * 501}):
         with pytest.raises(OptionError, match=r"must be|comment"):
             checked_after(given | wrong)

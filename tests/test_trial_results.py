@@ -71,6 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 "number": number,
                 "law": LAWS[law].to_json(),
                 "attempts": 1,
+                "faults": [],
                 "finished": None if late else True,
                 "answers": answers,
             }
@@ -137,9 +138,10 @@ def test_the_command_writes_tables_and_the_figures_of_each_task(
 def test_options_of_a_simulated_study_are_refused_with_people(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit, match="1"):
-        main(["study", str(folder), "--gain", "3"])
-    assert "give no more than" in " ".join(capsys.readouterr().err.split())
+    for option in (["--gain", "3"], ["--out", "x"], ["--instrument", "large_needle_driver"]):
+        with pytest.raises(SystemExit, match="1"):
+            main(["study", str(folder), *option])
+        assert "give no more than" in " ".join(capsys.readouterr().err.split())
     with pytest.raises(OptionError, match="places of this study's task"):
         read_results(folder, operators=1)
 
@@ -153,7 +155,7 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     design.keep(path)
     kept = Folder(path)
     kept.add("P01", dict.fromkeys(EXPERIENCE, 0), design)
-    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "finished": False}
+    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "faults": [], "finished": False}
     kept.keep_notes("P01", 1, notes | {"answers": None})
     a_run(design, 0, 0.5).save(kept.run_file("P01", 1))
     results = read_results(path, operators=2)
@@ -171,7 +173,7 @@ def test_a_damaged_run_does_not_count_and_is_named(folder: Path, tmp_path: Path)
     design.keep(tmp_path)
     kept = Folder(tmp_path)
     kept.add("P01", dict.fromkeys(EXPERIENCE, 0), design)
-    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "finished": True}
+    notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "faults": [], "finished": True}
     kept.keep_notes("P01", 1, notes | {"answers": None})
     kept.run_file("P01", 1).write_bytes(b"no run")
     with pytest.raises(OptionError, match=r"task 1 of P01 does not count: .*P01-1\.h5"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ import typer
 from rich.markup import escape
 
 from rcmqp.cli.console import err, out
+from rcmqp.cli.opening import opening
 from rcmqp.cli.options import InstrumentOption, instrument_of
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import ToolMissing
@@ -75,24 +75,25 @@ def live(
             highlight=False,
         )
 
-    def started(address: str) -> None:
-        out.print(
-            f"{address}\nCtrl-C ends the session", markup=False, highlight=False, soft_wrap=True
-        )
-        if not no_open:
-            webbrowser.open(address)
+    with opening() as show:
 
-    report = run_live(
-        chosen,
-        controller,
-        options,
-        scale=scale,
-        viscosity=viscosity,
-        host=host,
-        port=port,
-        out=file,
-        started=started,
-    )
+        def started(address: str) -> None:
+            said = f"{address}\nCtrl-C ends the session"
+            out.print(said, markup=False, highlight=False, soft_wrap=True)
+            if not no_open:
+                show(address)
+
+        report = run_live(
+            chosen,
+            controller,
+            options,
+            scale=scale,
+            viscosity=viscosity,
+            host=host,
+            port=port,
+            out=file,
+            started=started,
+        )
     out.print(report.text, markup=False, highlight=False, soft_wrap=True)
     if report.fault:
         raise typer.Exit(1)

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from rcmqp.experiments.study.outcome import Outcome
     from rcmqp.world.port import Port
 
+STUDY = Path("study")
+"""Folder of a study without --out."""
+
 OPERATORS = typer.Option(help="How many simulated people, 20 without it; novices take turns.")
 SEED = typer.Option(help="Of everything random; 0 without it.")
 PRACTICE = typer.Option(
@@ -91,9 +94,9 @@ def study(
     instrument: InstrumentOption = None,
     practice: Annotated[float | None, PRACTICE] = None,
     jobs: Jobs = 1,
-    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
-        "study"
-    ),
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for all files; study without it.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print every trial as JSON.")] = False,
 ) -> None:
     """Let simulated operators do a task, or sum up what people did: people x arms x controllers.
@@ -123,14 +126,15 @@ def study(
     from rcmqp.experiments.study.report import write_figures, write_tables
 
     if scenario.endswith(".h5"):
-        _remake(Path(scenario), folder)
+        _remake(Path(scenario), folder or STUDY)
         return
     if (Path(scenario) / "study.json").is_file():  # see experiments.trial.design
-        others = (arm, controller, gain, period, flange, acceleration, jerk, trocar, axis, depth)
-        if any(each is not None for each in (*others, cone, tolerance, practice)):
+        others: tuple[object, ...] = (arm, controller, gain, period, flange, acceleration)
+        others += (jerk, trocar, axis, depth, cone, tolerance, instrument, practice, folder)
+        if any(each is not None for each in others):
             raise OptionError(
-                f"{scenario} says what people did and with which controllers; with it, give no "
-                "more than --operators, --seed, --jobs and --json"
+                f"{scenario} says what people did and with which controllers, and has all files; "
+                "with it, give no more than --operators, --seed, --jobs and --json"
             )
         _people(Path(scenario), operators or 0, seed, jobs, as_json)
         return
@@ -156,7 +160,7 @@ def study(
         **instrument_of(instrument),
     )
     with console.bar(quiet=as_json) as advance:
-        performed = perform(chosen, folder, jobs=jobs, progress=advance)
+        performed = perform(chosen, folder or STUDY, jobs=jobs, progress=advance)
     text, files = write_tables(performed)
     files += write_figures(performed)
     _print(performed.outcomes, performed.notes, [text], files, as_json)

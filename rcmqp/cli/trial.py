@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rcmqp.cli.console import out
+from rcmqp.cli.opening import opening
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, ToolMissing
 
@@ -97,6 +97,7 @@ def trial(
         from rcmqp.experiments.trial.design import Design
 
         design = Design.load(folder)
+        design.check_scenario()
     try:
         from rcmqp.live.trial import run_trial
     except ModuleNotFoundError as error:
@@ -106,15 +107,16 @@ def trial(
     from rcmqp.files import make_folder
 
     design.keep(make_folder(folder))
-    who = kept.next_id() if identifier is None else checked_id(identifier)
+    with kept.sitting(identifier) as who, opening() as show:
 
-    def started(address: str) -> None:
-        said = f"{address}\nparticipant {who}; Ctrl-C breaks off"
-        out.print(said, markup=False, highlight=False, soft_wrap=True)
-        if not no_open:
-            webbrowser.open(address)
+        def started(address: str) -> None:
+            said = f"{address}\nparticipant {who}; Ctrl-C breaks off"
+            out.print(said, markup=False, highlight=False, soft_wrap=True)
+            if not no_open:
+                show(address)
 
-    if why := run_trial(design, kept, who, port=port, started=started):
+        why = run_trial(design, kept, who, port=port, started=started)
+    if why:
         again = f"rcmqp trial --out {folder} --id {who} goes on from here"
         out.print(f"{why}; {again}", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(1)
@@ -131,7 +133,7 @@ def _design(
 ) -> Design:
     """What the options ask for."""
     from rcmqp.experiments.study.plan import Law
-    from rcmqp.experiments.trial.design import Design
+    from rcmqp.experiments.trial.design import Design, scenario_sha256
     from rcmqp.experiments.trial.task import read_task, scenarios_task
     from rcmqp.runs.loading import load_scenario
 
@@ -148,7 +150,8 @@ def _design(
             text = consent.read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:
             raise OptionError(f"the text of consent {consent} cannot be read: {error}") from error
-    return Design(scenario, arm or "", laws, chosen, consent=text, **given)
+    sha256 = scenario_sha256(scenario, arm or "")
+    return Design(scenario, arm or "", laws, chosen, consent=text, scenario_sha256=sha256, **given)
 
 
 def _check(design: Design) -> None:

@@ -218,6 +218,8 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
     return {
         "report": report.as_markdown(),
         "fault": "" if report.stop.fault == "asked to stop" else report.stop.fault,
+        "recorded": report.recorded,
+        "recorded_whole": record is None or record.whole,
         "latency": session.latency(),
         "rows": stopped,
         "reached": session.goals.reached,

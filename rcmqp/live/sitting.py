@@ -13,6 +13,7 @@ from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder, Person
 from rcmqp.experiments.trial.questions import checked_after, checked_before
+from rcmqp.files import remove
 from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.loop_process import LoopProcess, at_rest, loop_process
 from rcmqp.live.messages import Said
@@ -30,6 +31,11 @@ PRACTICE = (
 
 AGAIN = "The arm has stopped by itself. Please begin this part again."
 """What a participant reads whose loop ended before its time."""
+
+LOST = (
+    "What you did could not be kept. Please tell the experimenter, and then begin this part again."
+)
+"""What a participant reads whose run was not recorded whole."""
 
 READING = 1.5
 """How long a participant reads that a task is over, and lets go of the picture [s]."""
@@ -67,16 +73,18 @@ class Sitting:
 
         Raises:
             BrokenOff: the participant breaks off.
-            RcmqpError: a loop cannot begin, or a file cannot be written.
+            RcmqpError: a loop cannot begin, or a file is damaged or cannot be written.
         """
         try:
             await self._lead()
         except BrokenOff:
-            self._over(
-                "You have broken off.", "Please tell the experimenter. You can go on later."
-            )
+            again = "Please tell the experimenter. You can go on later."
+            self._over("You have broken off.", again, last=True)
             raise
-        self._over("Thank you!", "This was all. Please tell the experimenter.")
+        except RcmqpError:
+            self._over("Something went wrong.", "Please tell the experimenter.", last=True)
+            raise
+        self._over("Thank you!", "This was all. Please tell the experimenter.", last=True)
 
     async def _lead(self) -> None:
         """All that is left, one after the other."""
@@ -86,16 +94,22 @@ class Sitting:
             asyncio.to_thread(start_data, scenario, law.name, dict(law.options))
         )
         person = await self._before()
-        order = orders(len(laws))[person.row]
+        rows = orders(len(laws))
+        if person.row >= len(rows):
+            raise OptionError(
+                f"{self._id} has the order number {person.row} of the controllers, there are only "
+                f"{len(rows)}, from 0; delete the participant with rcmqp trial --delete"
+            )
+        order = rows[person.row]
         if not person.practised:
             await self._practise(person, laws[order[0]])
         for number, k in enumerate(order, 1):
             await self._do(number, laws[k])
             await self._after(number)
 
-    def _over(self, title: str, text: str = "One moment, please.") -> None:
-        """Tell the participant that a part is over."""
-        self._console.tell({"kind": "over", "title": title, "text": text})
+    def _over(self, title: str, text: str = "One moment, please.", *, last: bool = False) -> None:
+        """Tell the participant that a part is over; after the last one the server may go."""
+        self._console.tell({"kind": "over", "title": title, "text": text, "last": last})
 
     def _show(self, text: str) -> None:
         """Let the pages go on with another one."""
@@ -163,7 +177,7 @@ class Sitting:
             last = await self._steer(law, words, duration=task.duration, out=out)
             if fault := _fault(last):
                 notes["faults"].append(fault)
-                words["note"] = AGAIN
+                words["note"] = LOST if last.get("recorded_whole") is False else AGAIN
                 continue
             notes["finished"] = len(last["reached"]) == len(task.places)
             self._over("All pictures are found." if notes["finished"] else "The time is over.")
@@ -213,6 +227,8 @@ class Sitting:
                 while (said := await self._heard.get()).kind != "start":
                     if said.kind == "break":
                         raise BrokenOff(f"{self._id} breaks off before a start")
+                if header["out"] is not None:  # an older attempt's run must not stand for this one
+                    remove(header["out"])
                 loop.start()
                 return await self._until_the_end(loop)
             finally:
@@ -238,5 +254,7 @@ class Sitting:
 
 
 def _fault(last: dict[str, Any]) -> str:
-    """Why a loop ended before its time; empty if it did not."""
-    return str(last.get("error") or last["fault"])
+    """Why a loop ended before its time, or was not recorded whole; empty if all is well."""
+    if found := last.get("error") or last["fault"]:
+        return str(found)
+    return "" if last["recorded_whole"] else f"not recorded whole: {last['recorded']}"

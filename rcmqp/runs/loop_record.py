@@ -120,6 +120,9 @@ class LoopRecorder:
     The file has its name once it is whole, after the loop. If the loop's process is killed, even
     by SIGKILL, the other one ends the file with the cycles that it was given, up to 10 ms before,
     and marks the last row. If that process is killed too, its part file is left, as by simulate().
+
+    Attributes:
+        whole: whether the file has every cycle; False until close() has said what became of it.
     """
 
     def __init__(
@@ -166,7 +169,7 @@ class LoopRecorder:
         }
         self._packing = RowFormat(insertion.arm.nq, insertion.arm.nv, list(about))
         self._rows: deque[bytes] = deque()
-        self._taken, self._fault = 0, ""
+        self._taken, self._fault, self.whole = 0, "", False
         self._closing = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._hand_over, name="rcmqp record", daemon=True)
@@ -257,6 +260,7 @@ class LoopRecorder:
         self._write(self._packing.pack(end))
         answer = self._answer()
         self._end()
+        self.whole = "rows" in answer and not self._fault
         if "rows" in answer:
             kept = f"{answer['rows']} cycles in {self._path}"
             return f"{kept}; it ends early: {self._fault}" if self._fault else kept

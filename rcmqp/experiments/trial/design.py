@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,17 @@ def orders(count: int) -> list[tuple[int, ...]]:
     return square + [row[::-1] for row in square] if count > 1 and count % 2 else square
 
 
+def scenario_sha256(scenario: str, arm: str) -> str:
+    """SHA-256 of a scenario as JSON.
+
+    Args:
+        scenario: name or file.
+        arm: name, or path of a URDF; empty for the scenario's own.
+    """
+    made = load_scenario(scenario, arm or None).to_json()
+    return hashlib.sha256(made.encode()).hexdigest()
+
+
 @options
 @dataclass(frozen=True, slots=True)
 class Design:
@@ -51,6 +63,7 @@ class Design:
         scale: tip over hand.
         viscosity: of the device [N s/m].
         consent: text that a participant agrees to; empty for none.
+        scenario_sha256: see scenario_sha256(); empty if it is not to be checked.
     """
 
     scenario: str
@@ -61,6 +74,7 @@ class Design:
     scale: float = field(default=1.0, metadata=positive())
     viscosity: float = field(default=15.0, metadata=at_least(0.0, "N s/m"))
     consent: str = ""
+    scenario_sha256: str = ""
 
     def __post_init__(self) -> None:
         """Check that conditions differ and that the text of consent is one that can be read."""
@@ -70,9 +84,27 @@ class Design:
             raise OptionError(f"the text of consent must have at most {MOST_TEXT} letters")
 
     def made(self, law: Law) -> Scenario:
-        """The scenario with the task, at the period of a controller."""
+        """The scenario with the task, at the period of a controller.
+
+        Raises:
+            OptionError: the scenario is not what it was when the study began.
+        """
+        self.check_scenario()
         base = load_scenario(self.scenario, self.arm or None, period=law.period)
         return with_task(base, self.task)
+
+    def check_scenario(self) -> None:
+        """Check that the scenario is what it was when the study began.
+
+        Raises:
+            OptionError: it is not.
+        """
+        now = scenario_sha256(self.scenario, self.arm)
+        if self.scenario_sha256 and self.scenario_sha256 != now:
+            raise OptionError(
+                f"the scenario {self.scenario} is not what it was when the study began, and all "
+                "participants do the same: restore it, or begin another study in another folder"
+            )
 
     def to_json(self) -> str:
         """As a file keeps it."""
@@ -104,13 +136,17 @@ class Design:
         """Write the design of a new study; of one that has begun, check that it is the same.
 
         Raises:
-            OptionError: the study in the folder has another design.
+            OptionError: the study in the folder has another design, or another scenario by then.
             RunFileError: it cannot be written.
         """
         if not (folder / FILE).exists():
             write_text(folder / FILE, self.to_json())
             return
         kept = Design.load(folder)
+        same = kept.scenario == self.scenario and kept.arm == self.arm
+        if same and self.scenario_sha256:
+            kept.check_scenario()
+            kept = dataclasses.replace(kept, scenario_sha256=self.scenario_sha256)
         for item in dataclasses.fields(Design):
             if getattr(kept, item.name) != getattr(self, item.name):
                 raise OptionError(

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.errors import OptionError, RunFileError
+from rcmqp.errors import OptionError, RcmqpError, RunFileError, UnknownName
+from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
-from rcmqp.experiments.trial.questions import group_of
-from rcmqp.files import make_folder, write_text
+from rcmqp.experiments.trial.questions import EXPERIENCE, LEVELS, checked_after, group_of
+from rcmqp.files import held, make_folder, remove, write_text
 from rcmqp.references.operators import GROUPS
 
 PEOPLE, TRIALS = "people", "trials"
 """Folders of a study: answers before the task, and trials with the answers after it."""
 
+HIGHEST = "highest_number.txt"
+"""File of the highest number of P01, P02 and so on when a participant was deleted last."""
+
 FIGURES, SUMMARIES = "figures", ("table.md", "trials.csv", "answers.csv")
 """What ``rcmqp study`` makes of them all: a folder and files."""
+
+DAMAGED = "is damaged; delete the participant with rcmqp trial --delete"
+"""What is said of a file of a participant that is not as it was written."""
 
 IDENTIFIER = re.compile(r"[A-Z]{0,3}[0-9]{1,6}", re.ASCII)
 
@@ -69,10 +79,43 @@ class Folder:
         found = (file.stem for file in (self.path / PEOPLE).glob("*.json"))
         return sorted(name for name in found if IDENTIFIER.fullmatch(name))
 
-    def next_id(self) -> str:
-        """The one of P01, P02 and so on that follows the last."""
-        numbers = [int(name[1:]) for name in self.identifiers() if re.fullmatch("P[0-9]+", name)]
-        return f"P{max(numbers, default=0) + 1:02d}"
+    @contextmanager
+    def sitting(self, identifier: str | None = None) -> Iterator[str]:
+        """Hold a participant until the block ends, so that no other process leads the same one.
+
+        Without an identifier it is the one of P01, P02 and so on that follows all there ever were.
+
+        Raises:
+            OptionError: the participant is held already, or the identifier is none.
+            RunFileError: the folder cannot be written.
+        """
+        names: Iterable[str] = (f"P{n:02d}" for n in itertools.count(1 + self._highest()))
+        if identifier is not None:
+            names = [checked_id(identifier)]
+        make_folder(self.path / PEOPLE)
+        for name in names:
+            with held(self._lock(name)) as free:
+                if free:
+                    yield name
+                    return
+        raise OptionError(
+            f"{identifier} is with another rcmqp trial in {self.path} now; wait until that has "
+            "ended, or end it with Ctrl-C"
+        )
+
+    def _highest(self, *more: str) -> int:
+        """The highest number of P01, P02 and so on that there ever was; 0 without any."""
+        file = self.path / HIGHEST
+        try:
+            before = int(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            before = 0
+        except (OSError, ValueError) as error:
+            raise RunFileError(
+                file, "is damaged; write the highest number of a participant so far into it"
+            ) from error
+        names = (*self.identifiers(), *more)
+        return max([before, *(int(name[1:]) for name in names if re.fullmatch("P[0-9]+", name))])
 
     def person(self, identifier: str) -> Person | None:
         """A participant; None before the questions are answered.
@@ -85,11 +128,19 @@ class Folder:
             return None
         try:
             found = Person(**data)
-            known = found.group in GROUPS and found.identifier == identifier
+            known = (
+                found.group in GROUPS
+                and found.identifier == identifier
+                and _is_whole(found.row, 0)
+                and isinstance(found.practised, bool)
+                and isinstance(found.before, dict)
+                and found.before.keys() == EXPERIENCE.keys()
+                and all(_is_whole(level, 0, len(LEVELS) - 1) for level in found.before.values())
+            )
         except TypeError:
             known = False
         if not known:
-            raise RunFileError(self._person_file(identifier), "is damaged; delete the participant")
+            raise RunFileError(self._person_file(identifier), DAMAGED)
         return found
 
     def add(self, identifier: str, before: Mapping[str, int], design: Design) -> Person:
@@ -114,8 +165,30 @@ class Folder:
         return self.path / TRIALS / f"{checked_id(identifier)}-{number}.h5"
 
     def notes(self, identifier: str, number: int) -> dict[str, Any] | None:
-        """What is kept beside a run: condition, latencies, answers; None before its end."""
-        return self._read(self.run_file(identifier, number).with_suffix(".json"))
+        """What is kept beside a run: condition, latencies, answers; None before its first attempt.
+
+        Raises:
+            RunFileError: the file is damaged.
+        """
+        file = self.run_file(identifier, number).with_suffix(".json")
+        if (data := self._read(file)) is None:
+            return None
+        try:
+            with suppress(UnknownName):  # a plug-in's that is not installed here
+                Law.from_json(data["law"])
+            if data["answers"] is not None:
+                data["answers"] = checked_after(data["answers"])
+            known = (
+                data["number"] == number
+                and _is_whole(data["attempts"], 0)
+                and isinstance(data["faults"], list)
+                and (data["finished"] is None or isinstance(data["finished"], bool))
+            )
+        except (ValueError, TypeError, KeyError, AttributeError, RcmqpError):
+            known = False
+        if not known:
+            raise RunFileError(file, DAMAGED)
+        return data
 
     def keep_notes(self, identifier: str, number: int, notes: Mapping[str, Any]) -> None:
         """Write what is kept beside a run."""
@@ -125,26 +198,28 @@ class Folder:
         """Remove all of a participant, and what sums up all people; how many files there were.
 
         Raises:
-            OptionError: nobody has this identifier.
+            OptionError: nobody has this identifier, or this participant is held, see sitting().
             RunFileError: a file cannot be removed.
         """
         there = [
             file  # names that begin with a point are those of files that a kill left unfinished
             for folder in (PEOPLE, TRIALS, FIGURES)
             for file in (self.path / folder).glob("*")
-            if re.fullmatch(rf"\.?{checked_id(identifier)}[.-].*", file.name) and file.is_file()
+            if re.fullmatch(rf"\.?{checked_id(identifier)}[.@-].*", file.name) and file.is_file()
         ]
         if not there:
             known = ", ".join(self.identifiers()) or "nobody"
             raise OptionError(f"{self.path} has no participant {identifier}; it has {known}")
         groups = (self.path / FIGURES).glob("groups_*")
         there += [*filter(Path.is_file, [self.path / name for name in SUMMARIES]), *groups]
-        for file in there:
-            try:
-                file.unlink()
-            except OSError as error:
-                raise RunFileError(file, f"cannot be removed: {error.strerror}") from error
+        with self.sitting(identifier):
+            write_text(self.path / HIGHEST, f"{self._highest(identifier)}\n")
+            for file in {*there, self._lock(identifier)}:
+                remove(file)
         return len(there)
+
+    def _lock(self, identifier: str) -> Path:
+        return self.path / PEOPLE / f".{checked_id(identifier)}.lock"
 
     def _person_file(self, identifier: str) -> Path:
         return self.path / PEOPLE / f"{checked_id(identifier)}.json"
@@ -157,8 +232,12 @@ class Folder:
         except (OSError, ValueError) as error:
             raise RunFileError(file, f"cannot be read: {error}") from error
         if not isinstance(data, dict):
-            raise RunFileError(file, "is damaged; delete the participant")
+            raise RunFileError(file, DAMAGED)
         return data
+
+
+def _is_whole(value: Any, least: int, most: float = math.inf) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 
 
 def _json(data: Mapping[str, Any]) -> str:

@@ -62,7 +62,8 @@ def checked_after(values: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(comment, str) or len(comment) > LONGEST_COMMENT:
         raise OptionError(f"the comment must be a text of at most {LONGEST_COMMENT} letters")
     answers: dict[str, Any] = {name: _choice(name, values[name], 1, 4) for name in RATINGS}
-    return answers | {"comment": comment.strip()}
+    text = comment.encode("utf-8", "replace").decode()  # half of a pair is no letter, and no UTF-8
+    return answers | {"comment": text.strip()}
 
 
 def _check_names(values: Mapping[str, Any], names: set[str]) -> None:

@@ -135,6 +135,7 @@ def _simulate(
 ) -> Performed | None:
     if not operators:
         return None
+    design.check_scenario()
     own = task_of(load_scenario(design.scenario, design.arm or None))
     for name in ("places", "spheres", "obstacle", "tolerance"):
         if getattr(own, name) != getattr(design.task, name):

@@ -14,6 +14,7 @@ from rcmqp.files import unlike
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.loop_record import PATH as REAL_TIME
+from rcmqp.runs.loop_record import TIMES
 from rcmqp.runs.run import Run
 from rcmqp.show.labels import run_labels, versions_text
 from rcmqp.show.table import literal
@@ -91,7 +92,8 @@ def run_command(run: Run, scenario: str, file: str) -> str:
         file: to write the run to.
     """
     path = run.scenario.path
-    if isinstance(path, Foreign) and path.kind == REAL_TIME:
+    asked = isinstance(path, Foreign) and path.kind == REAL_TIME
+    if asked or run.diagnostics.keys() >= TIMES.keys():
         return f"# {file}: recorded in real time, so no command makes it again"
     kind, law = CONTROLLERS.get(run.controller), run.controller
     if kind is None or not _is_installed(kind, CONTROLLERS):

@@ -11,12 +11,14 @@ function say(why) { query(document, "#problem").textContent = why; }
 
 const link = new Link({
   state() {}, // of a loop that has ended
-  free() { link.take(); },
+  free() {
+    if (!link.takeAgain()) say("no page has the questions; load this one again to answer here");
+  },
   role(steers) {
     page.steers = steers;
     say(steers ? "" : "another page has the questions");
   },
-  next() { location.reload(); },
+  next() { link.reload(page.steers); },
   refused: say,
   ended() { say("the connection is lost; please ask the experimenter"); },
 });

@@ -4,6 +4,10 @@
 const UNTOLD = 75;
 /** Answers to pings that the clocks are compared by. */
 const PINGS = 10;
+/** How much later a page that watches goes on than the operator's, who steers on [ms]. */
+const WATCHER = 1500;
+/** What a tab keeps, over its pages, once it has steered. */
+const STEERED = "steered";
 
 /**
  * @typedef {import("./sources.js").State & {
@@ -29,13 +33,19 @@ export class Link {
       this.take();
     });
     this.socket.addEventListener("close", () => {
-      if (!this.over) listener.ended("the connection is lost; the arm is at rest");
+      if (this.over) return;
+      const line = document.querySelector("#over p");
+      if (line) line.textContent = "The connection is lost. Please tell the experimenter.";
+      listener.ended("the connection is lost; the arm is at rest");
     });
     this.socket.addEventListener("message", ({ data }) => {
       const said = JSON.parse(data);
       if (said.kind === "state") listener.state(said);
       else if (said.kind === "pong") this.compare(said);
-      else if (said.kind === "role") listener.role(said.steers);
+      else if (said.kind === "role") {
+        if (said.steers) sessionStorage.setItem(STEERED, "yes");
+        listener.role(said.steers);
+      }
       else if (said.kind === "free") listener.free();
       else if (said.kind === "over") this.cover(said);
       else if (said.kind === "next") listener.next?.();
@@ -45,9 +55,10 @@ export class Link {
     setInterval(() => this.ping(), 1000);
   }
 
-  /** What the page was for is over: say so in its place. @param {{title: string, text: string}} words */
-  cover({ title, text }) {
-    this.over = true;
+  /** What the page was for is over: say so in its place. @param {{title: string, text: string, last: boolean}} words */
+  cover({ title, text, last }) {
+    this.over = last; // the server goes then, and nothing is lost
+    document.querySelector("#over")?.remove();
     const [cover, heading, line] = [document.createElement("main"), document.createElement("h1"), document.createElement("p")];
     cover.className = "form";
     cover.id = "over";
@@ -75,6 +86,16 @@ export class Link {
   ping() { this.send({ kind: "ping", at: performance.now(), drawn: this.drawn.splice(0) }); }
 
   take() { this.send({ kind: "take" }); }
+
+  /** Steer on after a page of this tab that steered; whether there was one. */
+  takeAgain() {
+    const steered = sessionStorage.getItem(STEERED) !== null;
+    if (steered) this.take();
+    return steered;
+  }
+
+  /** Go on with the next page. @param {boolean} steers whether this page does */
+  reload(steers) { setTimeout(() => location.reload(), steers ? 0 : WATCHER); }
 
   /** @param {{at: number, now: number}} pong */
   compare({ at, now }) {

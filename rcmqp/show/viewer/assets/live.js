@@ -21,8 +21,6 @@ const LIGHT = 66;
 const READ = 100;
 /** An arm whose joints turn less from one picture to the next stands still [rad]. */
 const AT_REST = 1e-6;
-/** How much later a page that watches goes on than the operator's, who steers on [ms]. */
-const WATCHER = 1500;
 /** Ages of pictures that the page's own quantiles are of. */
 const AGES = 600;
 
@@ -55,7 +53,7 @@ const link = new Link({
   },
   free() {
     page.free = true;
-    if (task) link.take(); // a participant's page that was loaded again
+    if (task) link.takeAgain(); // a participant's page that was loaded again
     write();
   },
   ended(why) {
@@ -65,7 +63,7 @@ const link = new Link({
   },
   next() {
     release();
-    setTimeout(() => location.reload(), page.steers ? 0 : WATCHER);
+    link.reload(page.steers);
   },
 });
 

@@ -1,0 +1,128 @@
+"""What a sitting does when a loop or a file fails; without the process of the loop and pages."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rcmqp.errors import OptionError
+from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.trial.design import Design
+from rcmqp.experiments.trial.people import Folder
+from rcmqp.experiments.trial.questions import EXPERIENCE
+from rcmqp.experiments.trial.task import scenarios_task
+from rcmqp.live import sitting
+from rcmqp.live.loop_process import LoopEnded
+from rcmqp.live.messages import Said
+from rcmqp.runs.loading import load_scenario
+
+TASK = scenarios_task(load_scenario("camera_task", "panda"))
+DESIGN = Design("camera_task", "panda", (Law("hierarchical_qp"),), TASK, practice=0.0)
+ENDED: dict[str, Any] = {
+    "fault": "",
+    "recorded": "9 cycles",
+    "recorded_whole": True,
+    "reached": [1.0] * len(TASK.places),
+    "latency": {},
+}
+
+
+class Participant:
+    """A console whose participant answers all questions and starts whatever can be started."""
+
+    def __init__(self) -> None:
+        self.page, self.told = "", list[dict[str, Any]]()
+        self.said: Callable[[Said], None] = lambda said: None
+        self.drawn: Any = None
+
+    def turn(self, channel: Any) -> Any:
+        return channel
+
+    def tell(self, words: dict[str, Any]) -> None:
+        self.told.append(words)
+        if words["kind"] == "next":
+            after: dict[str, Any] = {"ease": 1, "followed": 1, "comment": ""}
+            before: dict[str, Any] = dict.fromkeys(EXPERIENCE, 0) | {"consent": True}
+            for said in (Said("start", {}), Said("answers", after), Said("answers", before)):
+                asyncio.get_running_loop().call_soon(self.said, said)
+
+
+class Loop:
+    """A loop that ends at once, and writes a run if it is one that is kept."""
+
+    def __init__(self, out: str, last: dict[str, Any]) -> None:
+        self.out, self.last, self.channel = Path(out), last, None
+
+    def stop(self) -> None: ...
+
+    def prepare(self) -> None:
+        if "cannot" in self.last:
+            raise LoopEnded("the loop cannot begin")
+
+    def start(self) -> None:
+        assert not self.out.exists(), "the run of an older attempt is still there"
+        self.out.write_text("a run")
+
+    def last_words(self) -> dict[str, Any]:
+        return self.last
+
+
+def sit(monkeypatch: pytest.MonkeyPatch, path: Path, *ends: dict[str, Any]) -> Participant:
+    """A whole sitting of P01, whose loops end one after the other as given."""
+    left = list(ends)
+
+    @contextlib.contextmanager
+    def process(header: dict[str, Any]) -> Iterator[Loop]:
+        yield Loop(header["out"], left.pop(0))
+
+    monkeypatch.setattr(sitting, "loop_process", process)
+    monkeypatch.setattr(sitting, "start_data", lambda *given: "")
+    monkeypatch.setattr(sitting, "task_page", lambda data, words: words["note"])
+    monkeypatch.setattr(sitting, "quantiles", lambda latency: [])
+    monkeypatch.setattr(sitting, "READING", 0.0)
+    page = Participant()
+    console: Any = page
+    with contextlib.suppress(LoopEnded, OptionError):
+        asyncio.run(sitting.Sitting(DESIGN, Folder(path), "P01", console).run())
+    assert left == []
+    return page
+
+
+def test_a_task_that_was_not_recorded_whole_is_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = ENDED | {"recorded_whole": False, "recorded": "nothing: the disk is full"}
+    page = sit(monkeypatch, tmp_path, lost, ENDED)
+    notes = Folder(tmp_path).notes("P01", 1)
+    assert notes is not None
+    assert (notes["attempts"], notes["finished"]) == (2, True)
+    assert notes["faults"] == ["not recorded whole: nothing: the disk is full"]
+    assert page.told[-1]["last"]
+
+
+def test_a_participant_is_told_when_the_sitting_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = sit(monkeypatch, tmp_path, {"cannot": "begin"})
+    assert page.told[-1] == {
+        "kind": "over",
+        "title": "Something went wrong.",
+        "text": "Please tell the experimenter.",
+        "last": True,
+    }
+    assert [words.get("last") for words in page.told].count(True) == 1
+
+
+def test_a_participant_of_an_order_that_the_study_has_not_is_refused_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Folder(tmp_path)
+    person = folder.add("P01", dict.fromkeys(EXPERIENCE, 0), DESIGN)
+    folder.keep_person(dataclasses.replace(person, row=1))
+    assert sit(monkeypatch, tmp_path).told[-1]["title"] == "Something went wrong."
