@@ -169,6 +169,7 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
         page.click("button[type=submit]")
         came(page, "Practice")
         page.click("#start", timeout=1e3 * PATIENCE)
+        watcher.close()  # it has had its chance while the practice was loaded
         came(page, "The task")
         page.click("#start", timeout=1e3 * PATIENCE)
         until(lambda: page.evaluate("rcmqp.newest !== null"), "the arm")

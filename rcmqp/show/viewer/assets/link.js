@@ -6,8 +6,10 @@ const UNTOLD = 75;
 const PINGS = 10;
 /** How much later a page that watches goes on than the operator's, who steers on [ms]. */
 const WATCHER = 1500;
-/** What a tab keeps, over its pages, once it has steered. */
-const STEERED = "steered";
+/** How long a tab that has only watched leaves a trial to the participant's, whose page may be slow to load [ms]. */
+const LEFT_TO_OTHERS = 30000;
+/** What a tab keeps over its pages: whether it has steered, or only watched. */
+const ROLE = "role";
 
 /**
  * @typedef {import("./sources.js").State & {
@@ -30,7 +32,9 @@ export class Link {
     this.socket = new WebSocket(`ws://${location.host}/hand${location.search}`);
     this.socket.addEventListener("open", () => {
       this.ping();
-      this.take();
+      if (!listener.next || sessionStorage.getItem(ROLE) !== "watched") return this.take();
+      listener.role(false);
+      setTimeout(() => this.take(), LEFT_TO_OTHERS);
     });
     this.socket.addEventListener("close", () => {
       if (this.over) return;
@@ -43,7 +47,8 @@ export class Link {
       if (said.kind === "state") listener.state(said);
       else if (said.kind === "pong") this.compare(said);
       else if (said.kind === "role") {
-        if (said.steers) sessionStorage.setItem(STEERED, "yes");
+        if (said.steers) sessionStorage.setItem(ROLE, "steered");
+        else if (!this.steered) sessionStorage.setItem(ROLE, "watched");
         listener.role(said.steers);
       }
       else if (said.kind === "free") listener.free();
@@ -87,11 +92,12 @@ export class Link {
 
   take() { this.send({ kind: "take" }); }
 
+  get steered() { return sessionStorage.getItem(ROLE) === "steered"; }
+
   /** Steer on after a page of this tab that steered; whether there was one. */
   takeAgain() {
-    const steered = sessionStorage.getItem(STEERED) !== null;
-    if (steered) this.take();
-    return steered;
+    if (this.steered) this.take();
+    return this.steered;
   }
 
   /** Go on with the next page. @param {boolean} steers whether this page does */
