@@ -61,10 +61,10 @@ const link = new Link({
     hand.release();
     write();
   },
-  next() {
+  next: orders ? () => {
     release();
     link.reload(page.steers);
-  },
+  } : undefined,
 });
 
 const task = orders && new Task(orders, stage, link);
