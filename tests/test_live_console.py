@@ -5,18 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 import websockets
+from served import served
 
 import rcmqp
 from rcmqp import Run, compute_metrics
@@ -30,26 +29,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 ARM = "panda"
-
-
-@contextlib.contextmanager
-def console(file: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """``rcmqp live`` and the address of its page."""
-    command = ["-m", "rcmqp", "live", "--arm", ARM, "--no-open", "--out", str(file)]
-    with subprocess.Popen(
-        [sys.executable, *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    ) as process:
-        try:
-            assert process.stdout is not None
-            address = process.stdout.readline().strip()
-            assert address.startswith("http://127.0.0.1:"), address + process.stdout.read()
-            yield process, address
-        finally:
-            process.kill()
 
 
 def until(true: Callable[[], Any], what: str) -> Any:
@@ -110,7 +89,7 @@ def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
                     moving += said.get("moving", False)
             kill()
 
-    with console(file) as (process, address):
+    with served("live", "--arm", ARM, "--out", str(file)) as (process, address):
         with contextlib.suppress(websockets.ConnectionClosed):
             asyncio.run(drag(address, process.kill))
         until(file.exists, "the file of the session whose server was killed")
@@ -155,7 +134,10 @@ def tip(page: Page) -> Any:
 
 def test_a_page_steers_and_when_it_is_closed_in_mid_motion_the_arm_rests(tmp_path: Path) -> None:
     file = tmp_path / "run.h5"
-    with console(file) as (process, address), browser() as chromium:
+    with (
+        served("live", "--arm", ARM, "--out", str(file)) as (process, address),
+        browser() as chromium,
+    ):
         window = chromium.new_context(viewport={"width": 400, "height": 700})
         watcher, watched = opened(
             chromium.new_context(viewport={"width": 60, "height": 60}), address

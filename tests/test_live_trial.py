@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import subprocess
-import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -16,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from served import served
 from websockets import Origin
 from websockets.sync.client import ClientConnection, connect
 
@@ -45,24 +44,10 @@ NOTCH, SPAN, STANDOFF = 4.0, 80.0, 35.0
 """Of the page: way for a notch of the wheel and for a drag across [mm]; and of the task [mm]."""
 
 
-@contextlib.contextmanager
-def trial(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """``rcmqp trial`` and the address of its page."""
-    command = ["-m", "rcmqp", "trial", "--no-open", "--out", str(folder), *options]
-    with subprocess.Popen(
-        [sys.executable, *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    ) as process:
-        try:
-            assert process.stdout is not None
-            address = process.stdout.readline().strip()
-            assert address.startswith("http://127.0.0.1:"), address + process.stdout.read()
-            yield process, address
-        finally:
-            process.kill()
+def trial(
+    folder: Path, *options: str
+) -> contextlib.AbstractContextManager[tuple[subprocess.Popen[str], str]]:
+    return served("trial", "--out", str(folder), *options)
 
 
 def until(true: Callable[[], Any], what: str) -> Any:
@@ -149,7 +134,10 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
     task = tmp_path / "task.toml"
     task.write_text(TASK, encoding="utf-8")
     options = ("--arm", "panda", "--practice", "2", "--consent", str(consent), "--task", str(task))
-    with trial(folder, *options) as (process, address), browser() as chromium:
+    with (
+        trial(folder, *options) as (process, address),
+        browser() as chromium,
+    ):
         page = chromium.new_context(viewport={"width": 820, "height": 300}).new_page()
         said: list[str] = []
         page.on("pageerror", lambda error: said.append(str(error)))
@@ -236,7 +224,10 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
     folder = tmp_path / "study"
     novice = dict.fromkeys(("laparoscopy", "simulators", "haptics", "games"), 0)
     options = ("--arm", "panda", "--practice", "0", "--id", "P07")
-    with trial(folder, *options) as (process, address), participant(address) as page:
+    with (
+        trial(folder, *options) as (process, address),
+        participant(address) as page,
+    ):
         say(page, "answers", values={**novice, "consent": True})
         hear(page, "next")
         say(page, "start")
@@ -253,7 +244,10 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
     assert not run.v[-1].any()
     notes = json.loads(file.with_suffix(".json").read_text())
     assert (notes["attempts"], notes["finished"]) == (1, None)
-    with trial(folder, "--id", "P07") as (process, address), participant(address) as page:
+    with (
+        trial(folder, "--id", "P07") as (process, address),
+        participant(address) as page,
+    ):
         with urllib.request.urlopen(address) as first:
             assert "new WebSocket" in first.read().decode()  # it hears that the next one is there
         hear(page, "next")

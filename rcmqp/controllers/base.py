@@ -129,7 +129,7 @@ class Command:
     Attributes:
         v: (nv,) joint velocity [rad/s], finite.
         diagnostics: numbers that the run records, the same names each cycle.
-        account: what the controller's solver says of the step; None if the solver says nothing.
+        account: the solver's report on the step, or None.
         stop: why this is the safe stop, in words; empty if it is not the safe stop.
         error: what the law raised, where that is why.
     """
@@ -246,7 +246,7 @@ class Controller(abc.ABC):
 
         Raises:
             WrongShape: the law, a task or a limit has an array of a wrong shape.
-            InvalidCommand: the law returns no Command, or one whose v is no array.
+            InvalidCommand: the law did not return a Command, or its v is not an array.
         """
         if not is_usable(state, reference):
             state, reference = as_numbers(state, reference)

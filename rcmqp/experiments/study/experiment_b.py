@@ -64,8 +64,9 @@ EFFECTS = ("rcm_rms_mm", "tip_rms_mm", "effector_rms_mm")
 NOTES = """\
 The same people, with the same luck, in every row. A factor's effect is the ratio of a person's
 errors, at its second level over its first, everything else the same; the geometric mean over
-people and over the levels of the other factors, ± its Monte-Carlo error. 1 is no effect. Where
-factors depend on each other, the rows say how; the mean does not. Law is hierarchical_qp over
+people and over the levels of the other factors, ± its Monte-Carlo error. A ratio of 1
+means that the factor changes nothing. Where factors depend on each other, the
+rows say how; the mean does not. Law is hierarchical_qp over
 dual_quaternion, at equal period, both with feed-forward.
 Limits "on" is not the same for both: velocity_limit=scale of the law counts speeds only,
 hierarchical_qp counts positions, accelerations and jerks too, and keeps off the obstacle.

@@ -100,7 +100,7 @@ def task_of(scenario: Scenario) -> Search:
 def sum_up(
     run: Run, operator: int | str, group: str, law: Law
 ) -> tuple[Outcome, dict[str, Array]]:
-    """Sum up the run of a trial, whoever steered.
+    """Compute the numbers of a trial's run, steered by a person or by a simulated operator.
 
     Returns:
         The numbers, without ``looking_s``; and the traces by name, see TRACES.

@@ -32,7 +32,7 @@ LONGEST_COMMENT = 500
 
 
 def group_of(before: Mapping[str, int]) -> str:
-    """Novice if there is no experience in any of EXPERIENCE, as in the paper; else experienced."""
+    """Novice if every answer about EXPERIENCE is "none", as in the paper; else experienced."""
     return GROUPS[1] if any(before.values()) else GROUPS[0]
 
 
@@ -43,7 +43,7 @@ def checked_before(values: Mapping[str, Any]) -> dict[str, int]:
         values: by name, as they came from a page; ``consent`` among them, which is needed.
 
     Raises:
-        OptionError: an answer is missing, not allowed or unknown, or there is no consent.
+        OptionError: an answer is missing, unknown or not allowed, or consent was not given.
     """
     _check_names(values, {*EXPERIENCE, "consent"})
     if values["consent"] is not True:
@@ -62,7 +62,7 @@ def checked_after(values: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(comment, str) or len(comment) > LONGEST_COMMENT:
         raise OptionError(f"the comment must be a text of at most {LONGEST_COMMENT} letters")
     answers: dict[str, Any] = {name: _choice(name, values[name], 1, 4) for name in RATINGS}
-    text = comment.encode("utf-8", "replace").decode()  # half of a pair is no letter, and no UTF-8
+    text = comment.encode("utf-8", "replace").decode()  # a lone surrogate is not UTF-8
     return answers | {"comment": text.strip()}
 
 
