@@ -15,8 +15,7 @@ from rcmqp import Arm, Insertion, Run, compute_metrics, load_scenario, make_cont
 from rcmqp.cli.console import warnings
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.plants import PLANTS
-from rcmqp.plants.kinematic import KinematicDrive
+from rcmqp.plants import PLANTS, KinematicDrive
 from rcmqp.qp import SolverNotInstalled, solver_names
 from rcmqp.references.paths import ConicalHelix
 from rcmqp.world.insertion import rcm_error, tilt

@@ -15,8 +15,7 @@ from scipy.integrate import solve_ivp
 from rcmqp import Arm, load_arm
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.plants import PLANTS, Drive, Kinematic, Plant, Servo
-from rcmqp.plants.servo import first_order
+from rcmqp.plants import PLANTS, Drive, Kinematic, Plant, Servo, first_order
 
 T = 1e-3
 SAMPLES: list[Plant] = [

@@ -1,18 +1,78 @@
-"""A real arm's joints: they lag, answer late, saturate, and are read by encoders."""
+"""Plants: what the commanded joint velocity drives, and what is measured of it.
+
+A plant is a frozen dataclass of plain numbers, so that a scenario can be written as JSON. Its
+start() makes the drive of one run, which holds everything that changes. A new plant is such a
+pair; the plant is added to PLANTS, or by a plug-in.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import at_least, options, or_none, whole
-from rcmqp.plants.kinematic import Drive
 from rcmqp.world.arm import Arm
+from rcmqp.world.plugins import Registry
+
+
+class Drive(Protocol):
+    """The joints of one run.
+
+    Attributes:
+        q: (nq,) where they are: Pinocchio's configuration.
+        v: (nv,) how fast they move now [rad/s].
+    """
+
+    q: Array
+    v: Array
+
+    def measure(self) -> tuple[Array, Array]:
+        """What the controller sees of q (nq,) and v (nv,); to be called once a cycle."""
+
+    def step(self, v: Array) -> None:
+        """Go on for one period with the commanded velocity ``v`` (nv,) [rad/s]."""
+
+
+@runtime_checkable
+class Plant(Protocol):
+    """A kind of joint drives."""
+
+    def start(self, arm: Arm, q: Array, period: float, seed: int) -> Drive:
+        """The joints of ``arm``, at rest at ``q`` (nq,), commanded every ``period`` [s].
+
+        Equal arguments give drives that do the same to the bit.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Kinematic:
+    """Joints that are velocity sources; v now is what was commanded last."""
+
+    def start(self, arm: Arm, q: Array, period: float, seed: int) -> Drive:
+        """See Plant.start(); nothing here is random."""
+        return KinematicDrive(arm, q, period)
+
+
+class KinematicDrive:
+    """See Drive."""
+
+    def __init__(self, arm: Arm, q: Array, period: float) -> None:
+        self.q, self.v = q, np.zeros(arm.nv)
+        self._arm, self._period = arm, period
+
+    def measure(self) -> tuple[Array, Array]:
+        """Return q and v themselves."""
+        return self.q, self.v
+
+    def step(self, v: Array) -> None:
+        """Move by v times the period."""
+        self.q, self.v = self._arm.integrate(self.q, v, self._period), np.array(v)
 
 
 @options
@@ -123,3 +183,6 @@ def first_order(
     gap, left = u - v, period - t
     decay = np.exp(-left / tau) if tau > 0.0 else np.where(left > 0.0, 0.0, 1.0)
     return moved + u * left - tau * gap * (1.0 - decay), u - gap * decay
+
+
+PLANTS: Registry[Plant] = Registry("rcmqp.plants", {"kinematic": Kinematic, "servo": Servo})
