@@ -16,10 +16,8 @@ from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.moved import along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.simulate import simulate
-from rcmqp.show.labels import run_labels
-from rcmqp.show.remarks import FEED_FORWARD, LIMITS, ROLL, remarks
+from rcmqp.show.labels import FEED_FORWARD, LIMITS, ROLL, remarks, run_labels, setup_text
 from rcmqp.show.report.build import write_report
-from rcmqp.show.setup import setup_text
 from rcmqp.show.tables import as_markdown, metrics_table, row_of, tables
 from rcmqp.world.instrument import Camera, Instrument, Mount
 from rcmqp.world.instrument_file import load_instrument

@@ -1,14 +1,69 @@
-"""What tells runs apart, their colours too, and what each run was given."""
+"""What tells runs apart, their colours too; what each run was given, and why rows differ."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from rcmqp.errors import RcmqpError
+from rcmqp.controllers import CONTROLLERS
+from rcmqp.errors import PluginError, RcmqpError
+from rcmqp.references.paths.traces import TipTrace
 from rcmqp.runs.head import Head
 from rcmqp.runs.run import Run
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.show.setup import DEFAULT, setup_text
+from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist
+from rcmqp.world.motions import Sampled
+
+if TYPE_CHECKING:
+    from rcmqp.show.tables import Row
+
+
+DEFAULT = "default"
+"""Stands in a table for a run that has nothing of the kind."""
+
+
+def setup_text(head: Head) -> str:
+    """Instrument, recorded path and motion, and null-space objective, where not the defaults."""
+    scenario, parts = head.scenario, list[str]()
+    if instrument := ", ".join(_instrument(scenario.instrument)):
+        parts.append(f"instrument: {instrument}")
+    if isinstance(path := scenario.path, TipTrace):
+        parts.append(f"path: recorded, {len(path.times)} samples to {path.times[-1]:g} s")
+    if isinstance(motion := scenario.motion, Sampled):
+        parts.append(f"motion: recorded, {len(motion.times)} samples to {motion.times[-1]:g} s")
+    if head.given.objective:
+        parts.append(f"objective: {head.given.objective}")
+    return "; ".join(parts) or DEFAULT
+
+
+def _instrument(own: Instrument) -> Iterator[str]:
+    """What is other than Instrument() has it."""
+    usual = Instrument()
+    for name in ("length", "radius", "mount_offset"):
+        if (value := getattr(own, name)) != getattr(usual, name):
+            yield f"{name.replace('_', ' ')} {1e3 * value:g} mm"
+    if own.mount != Mount():
+        xyz = " ".join(f"{1e3 * x:g}" for x in own.mount.xyz)
+        rpy = " ".join(f"{math.degrees(x):.4g}" for x in own.mount.rpy)
+        yield f"mounted at {xyz} mm, turned by {rpy} deg"
+    for name in ("field_of_view", "angle", "roll"):
+        if (value := getattr(own.camera, name)) != getattr(Camera(), name):
+            yield f"camera {name.replace('_', ' ')} {math.degrees(value):.4g} deg"
+    if own.wrist is not None:
+        yield _wrist(own.wrist)
+
+
+def _wrist(wrist: Wrist) -> str:
+    """How many joints, and which of their limits no source gives."""
+    assumed = [
+        name
+        for name in ("acceleration", "jerk")
+        if any(getattr(joint, name) is None for joint in wrist.joints)
+    ]
+    more = f" whose {' and '.join(assumed)} limits are assumed" if assumed else ""
+    return f"wrist of {len(wrist.joints)} joints{more}"
+
 
 COLOURS = (
     "#0072B2",
@@ -142,3 +197,41 @@ def joint_units(head: Head) -> tuple[str, ...]:
 def unit_of(units: Iterable[str]) -> str:
     """The unit of a number over several joints: each unit once, rad or m."""
     return " or ".join(dict.fromkeys(units)) or "rad"
+
+
+FEED_FORWARD = (
+    "feed-forward: without it a law does not know how fast reference and trocar move, and stays "
+    "behind by about their speed / K. With it, and no limit in the way, what is left is about "
+    "their acceleration * T / (2 K)."
+)
+ROLL = (
+    "roll held: a law that does not hold it lets the instrument turn about its shaft, and its "
+    "orientation error is mostly that turn."
+)
+LIMITS = (
+    "joint limits: a law keeps those that are named as enforced. It does not count the others, "
+    "and may break them."
+)
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """What a reader of these rows has to know of their laws to see why they differ."""
+    made = [row for row in rows if not row.failure]
+    found = []
+    if {"yes", "no"} <= {row.feed_forward for row in made}:
+        found.append(FEED_FORWARD)
+    if {"yes", "no"} <= {row.roll for row in made}:
+        found.append(ROLL)
+    uncounted = any(not row.limits_kept and row.limits_enforced != "all" for row in made)
+    if uncounted or len({row.limits_enforced for row in made}) > 1:
+        found.append(LIMITS)
+    laws = dict.fromkeys(row.controller.partition(",")[0] for row in made)
+    return found + [f"{law}: {remark}" for law in laws if (remark := _remark(law))]
+
+
+def _remark(law: str) -> str:
+    """What a law says of itself; nothing if this machine does not have it."""
+    try:
+        return CONTROLLERS[law].remark if law in CONTROLLERS else ""
+    except PluginError:
+        return ""

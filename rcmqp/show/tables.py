@@ -20,9 +20,9 @@ from rcmqp.show.labels import (
     given_names,
     given_words,
     joint_units,
+    remarks,
     unit_of,
 )
-from rcmqp.show.remarks import remarks
 from rcmqp.show.table import Table, definitions
 
 
