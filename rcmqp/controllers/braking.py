@@ -13,7 +13,7 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy
 from rcmqp.qp.levels import Bounds, Level
 from rcmqp.references.view import STILL, Reference
-from rcmqp.tasks.rcm import RcmTask
+from rcmqp.tasks.placement import RcmTask
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
 

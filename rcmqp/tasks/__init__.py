@@ -15,10 +15,10 @@ from rcmqp.tasks.placement import (
     DirectionTask,
     OrientationTask,
     PoseTask,
+    RcmTask,
     RollTask,
     TipTask,
 )
-from rcmqp.tasks.rcm import RcmTask
 from rcmqp.world.insertion import Insertion
 
 TASKS: dict[str, type[Task]] = {
