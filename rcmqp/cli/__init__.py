@@ -23,7 +23,6 @@ from rcmqp.cli import (
     live,
     loopback,
     new,
-    report,
     reproduce,
     run,
     study,
@@ -158,6 +157,6 @@ for command in (
     viewer.view,
     viewer.snapshot,
     viewer.video,
-    report.report,
+    viewer.report,
 ):
     app.command()(command)

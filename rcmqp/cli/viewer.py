@@ -1,4 +1,4 @@
-"""rcmqp view, snapshot and video: runs to look at."""
+"""rcmqp view, snapshot, video and report: runs to look at."""
 
 from __future__ import annotations
 
@@ -175,3 +175,26 @@ def _size(text: str | None) -> tuple[int, int] | None:
     if not (cross and width.isdecimal() and height.isdecimal()):
         raise OptionError(f"--size {text}: write WIDTHxHEIGHT in pixels, such as 1280x800")
     return int(width), int(height)
+
+
+def report(
+    files: Files,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
+        "report"
+    ),
+) -> None:
+    """Put runs into one report: tables, figures, viewers, and how to make it all again.
+
+    For example,
+
+      rcmqp report paper.h5 qp.h5 --out study
+
+    The folder gets index.html, which works offline and from any place the folder is copied to;
+    the same as Markdown, CSV and LaTeX (booktabs); figures as PNG and PDF; and for each scenario
+    and arm a page to play its runs in and the scenario itself.
+    """
+    from rcmqp.show.report.build import write_report  # matplotlib takes long to import
+
+    runs = [Run.load(file) for file in files]
+    for path in write_report(runs, folder, files=[file.name for file in files]):
+        console.print_written(path)
