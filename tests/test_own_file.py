@@ -11,7 +11,8 @@ import pytest
 
 from rcmqp import Run, compute_metrics, load_scenario
 from rcmqp.cli import main
-from rcmqp.controllers import CONTROLLERS, own_file
+from rcmqp.controllers import CONTROLLERS
+from rcmqp.controllers.settings import registered
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.references.paths import Circle
 
@@ -101,12 +102,12 @@ def test_new_writes_over_nothing_and_wants_a_name(capsys: pytest.CaptureFixture[
 def test_a_file_of_several_laws_wants_one_named() -> None:
     Path("two.py").write_text(TWO)
     with pytest.raises(OptionError, match=r"several: Still, Stiller; say which, two.py:Still"):
-        own_file.known("two.py")
-    assert own_file.known("two.py:Stiller:gain=2") == "stiller:gain=2"
-    assert own_file.known("two.py:Still") == "still"
-    assert own_file.known("two.py:Still") == "still"  # and the class is the same
+        registered("two.py")
+    assert registered("two.py:Stiller:gain=2") == "stiller:gain=2"
+    assert registered("two.py:Still") == "still"
+    assert registered("two.py:Still") == "still"  # and the class is the same
     with pytest.raises(UnknownName, match=r"controller in two\.py"):
-        own_file.known("two.py:Stil")
+        registered("two.py:Stil")
 
 
 @pytest.mark.parametrize(
@@ -131,12 +132,12 @@ def test_a_file_without_a_law_is_said_in_words(
     if text is not None:
         Path("bad.py").write_text(text.replace("Still", "Damped"))
     with pytest.raises(OptionError, match=said):
-        own_file.known("bad.py")
+        registered("bad.py")
 
 
 def test_other_settings_are_left_as_they_are() -> None:
     for setting in ("damped", "damped:gain=3", "my-law", "x.pyc"):
-        assert own_file.known(setting) == setting
+        assert registered(setting) == setting
 
 
 def test_a_scenarios_file_may_have_a_class_and_is_run_once_until_it_changes(

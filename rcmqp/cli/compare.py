@@ -27,8 +27,7 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import own_file
-from rcmqp.controllers.settings import controller_of, every_setting, with_options
+from rcmqp.controllers.settings import controller_of, every_setting, registered, with_options
 from rcmqp.errors import ArmError, OptionError, UnknownName
 from rcmqp.files import absent
 from rcmqp.runs.loading import own_arm
@@ -105,7 +104,7 @@ def compare(
     from rcmqp.experiments import compare as comparison  # joblib takes long to import
 
     given = settings or []
-    chosen = [own_file.known(setting) for setting in controller or every_setting(fixed=given)]
+    chosen = [registered(setting) for setting in controller or every_setting(fixed=given)]
     laws = with_options(chosen, given)
     changes = (
         scenario_changes(

@@ -28,8 +28,8 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import make_controller, own_file
-from rcmqp.controllers.settings import controller_of, options_of
+from rcmqp.controllers import make_controller
+from rcmqp.controllers.settings import controller_of, options_of, registered
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
 from rcmqp.references.recorded import Recorded
@@ -183,7 +183,7 @@ def _law(
 ) -> tuple[str, dict[str, Any]]:
     """Name and options of the controller: the one asked for, or the one of a run's file."""
     if controller is not None or not scenario.endswith(RUN_FILE):
-        return controller_of(own_file.known(controller or "dual_quaternion"), settings)
+        return controller_of(registered(controller or "dual_quaternion"), settings)
     with opened(scenario) as run:
         head = Head.read(run)
     return head.controller, {**head.options, **options_of(head.controller, settings)}

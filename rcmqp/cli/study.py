@@ -26,8 +26,7 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import own_file
-from rcmqp.controllers.settings import controller_of
+from rcmqp.controllers.settings import controller_of, registered
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
 
@@ -170,7 +169,7 @@ def _settings(
     controllers: Sequence[str], gains: Sequence[float]
 ) -> list[tuple[str, dict[str, Any]]]:
     """Name and options of each controller, once with each gain."""
-    made = [controller_of(own_file.known(setting)) for setting in controllers]
+    made = [controller_of(registered(setting)) for setting in controllers]
     for name, options in made:
         if gains and "gain" in options:
             raise OptionError(f"the gain of {name} is given twice, by --gain and by -c")

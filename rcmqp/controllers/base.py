@@ -167,7 +167,7 @@ class Controller(abc.ABC):
             say. Tables name them, see ``given``.
         holds_roll: whether the law controls the instrument's roll about its shaft, likewise.
         remark: a sentence that a reader of its numbers needs; it stands below tables of them.
-        law_file: FILE.py:CLASS of a law that own_file.known() took out of a file.
+        law_file: FILE.py:CLASS of a law that settings.registered() took out of a file.
         insertion: what is controlled.
         moves_wrist: whether the law knows of a tool that a wrist turns.
         period: sampling period T [s].
