@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import ctypes
 import io
+import math
 import multiprocessing
 import os
 import re
@@ -37,13 +38,14 @@ from rcmqp import load_scenario, make_controller, simulate
 from rcmqp.cli import main as rcmqp
 from rcmqp.experiments.study.perform import perform
 from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.realtime.priority import time_waited
 from rcmqp.runs.simulate import record
 
 MOST_TIME, MOST_MEMORY = 5.0, 1000.0
 """Of a command [s], [MB]."""
 
 PATIENCE = 30.0
-"""Seconds after which a process is killed."""
+"""Seconds after which a process is killed; those in which it waits for a processor do not count."""
 
 COMMANDS = ("run", "show", "view", "report", "study")
 
@@ -199,15 +201,22 @@ class Worker:
     def call(self, line: Sequence[str]) -> Any:
         """What called() answers; a fault if the process dies or hangs."""
         self._jobs.send(line)
+        begin = time.monotonic() - self._waited()
         try:
-            if self._jobs.poll(PATIENCE):
-                return self._jobs.recv()
+            while (left := begin + PATIENCE + self._waited() - time.monotonic()) > 0.0:
+                if self._jobs.poll(left):
+                    return self._jobs.recv()
             fault, seconds = "hang", PATIENCE
         except EOFError:
             fault, seconds = "crash", 0.0
         self.stop()
         self._start()
         return -1, seconds, 0.0, fault, fault
+
+    def _waited(self) -> float:
+        """How long the process could have run so far and waited for a processor [s]."""
+        waited = time_waited(f"/proc/{self._process.pid}/schedstat")
+        return 0.0 if math.isnan(waited) else waited  # it has ended, or has not begun
 
     def stop(self) -> None:
         """End the process."""
