@@ -26,7 +26,7 @@ from rcmqp.limits import (
     TrocarDepth,
     make_limit,
 )
-from rcmqp.limits.spheres import bends
+from rcmqp.limits.instrument import bends
 from rcmqp.maths.dualquaternion import Array, from_se3
 from rcmqp.references.view import STILL
 from rcmqp.world.arm import Arm

@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-/* limits/trocar_cone.py, limits/spheres.py */
+/* limits/trocar_cone.py, limits/instrument.py */
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
 
@@ -134,7 +134,7 @@ static void depth_rows(const Cycle *cycle, const Block *block, double *C, double
     d[1] = paced(cycle, block, C + n, depth - block->shallowest, -drift[2]);
 }
 
-/* A sphere's centre b (3) and its velocity (3), seen from the effector; limits/spheres.py. */
+/* A sphere's centre b (3) and its velocity (3), seen from the effector; limits/instrument.py. */
 static void see_sphere(const Cycle *cycle, const Block *block, double *b, double *drift)
 {
     double centre[3], velocity[3];

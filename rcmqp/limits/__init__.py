@@ -10,9 +10,15 @@ from typing import Any
 
 from rcmqp.errors import OptionError
 from rcmqp.limits.base import Constraint, Damper, Limit, combine, intersect
+from rcmqp.limits.instrument import (
+    EntrySphere,
+    KeepIn,
+    KeepOut,
+    SphereLimit,
+    TrocarCone,
+    TrocarDepth,
+)
 from rcmqp.limits.joints import JointLimits, braking_speed
-from rcmqp.limits.spheres import EntrySphere, KeepIn, KeepOut, SphereLimit
-from rcmqp.limits.trocar import TrocarCone, TrocarDepth
 from rcmqp.tasks.base import check_name
 from rcmqp.world.insertion import Insertion
 
