@@ -17,9 +17,8 @@ import numpy as np
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths.drawn import Circle, ConicalHelix, Drawn, Lissajous
-from rcmqp.references.paths.search import Search
 from rcmqp.references.paths.traces import HandTrace, TipTrace
-from rcmqp.references.paths.views import ViewMoves, ViewSteps
+from rcmqp.references.paths.views import Search, ViewMoves, ViewSteps
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.instrument import Vector3
 from rcmqp.world.obstacles import Sphere
