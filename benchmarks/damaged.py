@@ -38,14 +38,14 @@ from rcmqp import load_scenario, make_controller, simulate
 from rcmqp.cli import main as rcmqp
 from rcmqp.experiments.study.perform import perform
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.realtime.priority import time_waited
+from rcmqp.realtime.system import time_waited
 from rcmqp.runs.simulate import record
 
 MOST_TIME, MOST_MEMORY = 5.0, 1000.0
 """Of a command [s], [MB]."""
 
 PATIENCE = 30.0
-"""Seconds after which a process is killed; those in which it waits for a processor do not count."""
+"""Seconds after which a process is killed, without those in which it waited for a processor."""
 
 COMMANDS = ("run", "show", "view", "report", "study")
 

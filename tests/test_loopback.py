@@ -22,9 +22,9 @@ from rcmqp.errors import OptionError
 from rcmqp.realtime.latency import EDGES, Latency
 from rcmqp.realtime.loopback import ArmLost, LoopbackReport, Readings, UdpArm, run_loopback
 from rcmqp.realtime.packets import Kind, Packets, new_key
-from rcmqp.realtime.priority import PRIORITY, real_time_priority
 from rcmqp.realtime.report import LoopReport, Stop
 from rcmqp.realtime.simulated_arm import HOST, PATIENCE, TOO_OLD, Account, Box, insertion_of
+from rcmqp.realtime.system import PRIORITY, real_time_priority
 
 T = 0.001
 V = np.full(7, 0.1)

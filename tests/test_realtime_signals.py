@@ -75,7 +75,7 @@ def test_a_signal_leaves_what_hangs_and_stops_the_arm(
     where: str, insertion: rcmqp.Insertion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot, hung = Arm(insertion, clock := Clock()), [0.0]
-    monkeypatch.setattr("rcmqp.realtime.signals.monotonic", lambda: clock.now)
+    monkeypatch.setattr("rcmqp.realtime.system.monotonic", lambda: clock.now)
 
     def hang(k: int) -> None:
         while k >= 10 and len(hung) < 2:  # left by an exception only

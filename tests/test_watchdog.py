@@ -23,11 +23,10 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.latency import Ticks
 from rcmqp.realtime.loopback import UdpArm, account_of, arm_process, port_of
 from rcmqp.realtime.packets import Packets, new_key
-from rcmqp.realtime.priority import time_waited
 from rcmqp.realtime.report import LoopReport
 from rcmqp.realtime.run import HOLD, LoopHung, RealtimeLoop, Stamped, run_realtime
-from rcmqp.realtime.signals import KeptSignals
 from rcmqp.realtime.simulated_arm import insertion_of
+from rcmqp.realtime.system import KeptSignals, time_waited
 from rcmqp.realtime.watchdog import Watchdog
 
 T = 0.001

@@ -21,7 +21,7 @@ from rcmqp.cli import console
 from rcmqp.cli.console import out
 from rcmqp.cli.options import AsJson
 from rcmqp.errors import OptionError, ToolMissing
-from rcmqp.realtime.priority import real_time_priority
+from rcmqp.realtime.system import real_time_priority
 from rcmqp.show.table import Table
 from rcmqp.show.viewer.browser import chromium_path, ffmpeg_path
 

@@ -17,7 +17,7 @@ from rcmqp.live.loop_process import LoopEnded, LoopProcess, at_rest, loop_proces
 from rcmqp.live.page import page
 from rcmqp.live.server import Console, Server
 from rcmqp.live.session import quantiles
-from rcmqp.realtime.signals import ENDING
+from rcmqp.realtime.system import ENDING
 from rcmqp.runs.head import check_own
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.table import Table

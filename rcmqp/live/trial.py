@@ -16,7 +16,7 @@ from rcmqp.live.console import listening
 from rcmqp.live.forms import waiting_page
 from rcmqp.live.server import Console, Server
 from rcmqp.live.sitting import BrokenOff, Sitting
-from rcmqp.realtime.signals import ENDING
+from rcmqp.realtime.system import ENDING
 
 
 def run_trial(

@@ -30,9 +30,8 @@ from rcmqp.realtime.checks import (
     check_stamp,
 )
 from rcmqp.realtime.latency import Deadlines, Ticks
-from rcmqp.realtime.priority import time_waited
 from rcmqp.realtime.report import Asked, CycleRecorder, LoopReport, Notes, Stop
-from rcmqp.realtime.signals import KeptSignals
+from rcmqp.realtime.system import KeptSignals, time_waited
 from rcmqp.realtime.watchdog import LoopHung, Watchdog
 from rcmqp.references.view import Stamped
 

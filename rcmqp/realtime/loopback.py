@@ -17,10 +17,10 @@ from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime import simulated_arm
 from rcmqp.realtime.packets import Packets, Rejected, new_key
-from rcmqp.realtime.priority import real_time_priority
 from rcmqp.realtime.report import CycleRecorder, LoopReport
 from rcmqp.realtime.run import run_realtime
 from rcmqp.realtime.simulated_arm import AT_ONCE, HOST, TOO_OLD, Account, insertion_of
+from rcmqp.realtime.system import real_time_priority
 from rcmqp.references.paths import Circle
 from rcmqp.references.view import Stamped, view_pose
 from rcmqp.show.table import Table
