@@ -11,8 +11,8 @@ from helpers import assert_allclose
 from rcmqp import Run, Scenario, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.operators import CameraTrial, Operator
-from rcmqp.references.operators.camera_task import CameraTask, clearance, reached
-from rcmqp.world.obstacles import Sphere
+from rcmqp.references.operators.camera_task import CameraTask, reached
+from rcmqp.world.obstacles import Sphere, clearance
 
 QUICK = Operator(recognition=0.0)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import defaultdict
 from collections.abc import Mapping
@@ -251,26 +250,24 @@ def _measures(part: Run, before: Run | None) -> dict[str, Array]:
 
 
 def obstacle_distance(run: Run) -> Array:
-    """Distance (n,) of the instrument from the nearest obstacle [m], see clearance().
+    """Distance (n,) of the instrument's surface from the nearest obstacle's [m].
 
-    Of an instrument with a wrist, the least of those of its shaft and of its pieces.
+    Negative inside an obstacle, inf without obstacles. Of an instrument with a wrist, the least of
+    those of its shaft and of its pieces.
     """
-    shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
     obstacles, instrument = run.scenario.obstacles, run.scenario.instrument
-    wrist = instrument.wrist
-    if wrist is None or not obstacles:
-        return clearance(obstacles, instrument, run.tip, shaft)
-    arm, m = run.insertion().arm, len(wrist.joints)
-    joints = np.array([arm.skeleton(q)[-1 - m : -1] for q in run.q])
-    first = dataclasses.replace(instrument, length=instrument.length + wrist.joints[0].along)
-    least = clearance(obstacles, first, joints[:, 0], shaft)
-    places = [*joints.swapaxes(0, 1), run.tip]
-    for k, length in enumerate(wrist.pieces):
-        if length > 0.0:
-            piece = dataclasses.replace(instrument, length=length)
-            way = (places[k + 1] - places[k]) / length
-            least = np.minimum(least, clearance(obstacles, piece, places[k + 1], way))
-    return least
+    if not obstacles:
+        return np.full(len(run.tip), np.inf)
+    shaft = dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
+    pieces = [(run.tip, run.tip - instrument.length * shaft)]
+    if (wrist := instrument.wrist) is not None:
+        arm, m = run.insertion().arm, len(wrist.joints)
+        joints = np.array([arm.skeleton(q)[-1 - m : -1] for q in run.q])
+        ends = [*joints.swapaxes(0, 1), run.tip]
+        pieces = [(ends[0], ends[0] - (instrument.length + wrist.joints[0].along) * shaft)]
+        pieces += [(ends[k + 1], ends[k]) for k, length in enumerate(wrist.pieces) if length > 0.0]
+    found = [clearance(tip, mount, sphere) for tip, mount in pieces for sphere in obstacles]
+    return np.asarray(np.min(found, axis=0) - instrument.radius)
 
 
 def _rows_asked(scenario: Scenario, stop: Standstill) -> int:

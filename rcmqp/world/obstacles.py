@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import options, positive, rule
-from rcmqp.world.instrument import Instrument, Vector3, vector3
+from rcmqp.world.instrument import Vector3, vector3
 
 
 @options
@@ -27,24 +25,17 @@ class Sphere:
     radius: float = field(metadata=positive("m"))
 
 
-def clearance(
-    obstacles: Iterable[Sphere], instrument: Instrument, tip: ArrayLike, axis: ArrayLike
-) -> Array:
-    """How far (...) the instrument, from mount to tip, is from the nearest obstacle [m].
+def clearance(tip: Array, mount: Array, sphere: Sphere) -> Array:
+    """Distance (n,) of a sphere's surface from the axis between two ends of an instrument [m].
 
-    From surface to surface; negative inside an obstacle, inf without obstacles.
+    Negative inside the sphere. The instrument's radius is not counted.
 
     Args:
-        obstacles: any number.
-        instrument: a capsule.
-        tip: (..., 3) in the world [m].
-        axis: (..., 3) unit vector along the shaft, into the patient, in the world.
+        tip: (n, 3) in the sphere's axes [m].
+        mount: (n, 3) the axis's other end [m].
+        sphere: [m].
     """
-    tip, axis = np.asarray(tip, dtype=float), np.asarray(axis, dtype=float)
-    least = np.full(tip.shape[:-1], np.inf)
-    for obstacle in obstacles:
-        seen = np.array(obstacle.centre) - tip
-        along = np.clip(np.sum(seen * axis, axis=-1), -instrument.length, 0.0)
-        distance = np.linalg.norm(seen - along[..., None] * axis, axis=-1)
-        least = np.minimum(least, distance - obstacle.radius - instrument.radius)
-    return least
+    shaft, seen = mount - tip, np.array(sphere.centre) - tip
+    along = np.sum(seen * shaft, axis=-1) / np.sum(shaft * shaft, axis=-1)
+    nearest = np.clip(along, 0.0, 1.0)[..., None] * shaft
+    return np.asarray(np.linalg.norm(seen - nearest, axis=-1) - sphere.radius)

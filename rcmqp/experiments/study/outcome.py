@@ -13,12 +13,13 @@ from rcmqp.experiments.study.plan import Law, Trial
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import camera_trial, recognition_times
-from rcmqp.references.operators.camera_task import clearance, reached
+from rcmqp.references.operators.camera_task import reached
 from rcmqp.references.paths import Search
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.labels import given_cells
+from rcmqp.world.obstacles import clearance
 
 TRACE_TIME = 8e-3
 """Least time between two samples of a trace [s]; the numbers of an Outcome use every cycle."""

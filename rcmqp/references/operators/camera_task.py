@@ -100,17 +100,3 @@ def reached(times: Array, tip: Array, targets: Array, tolerance: float) -> Array
         start += int(np.argmax(near)) + 1
         found[i] = times[start - 1]
     return found
-
-
-def clearance(tip: Array, mount: Array, sphere: Sphere) -> Array:
-    """Distance (n,) [m] of a sphere's surface from the axis of the shaft, from tip to mount.
-
-    Args:
-        tip: (n, 3) in the sphere's axes [m].
-        mount: (n, 3) the shaft's other end [m].
-        sphere: [m].
-    """
-    shaft, seen = mount - tip, np.array(sphere.centre) - tip
-    along = np.sum(seen * shaft, axis=-1) / np.sum(shaft * shaft, axis=-1)
-    nearest = np.clip(along, 0.0, 1.0)[..., None] * shaft
-    return np.asarray(np.linalg.norm(seen - nearest, axis=-1) - sphere.radius)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping, HandView
-from rcmqp.references.operators.camera_task import CameraTask, clearance
+from rcmqp.references.operators.camera_task import CameraTask
 from rcmqp.references.operators.hand import Encoder, Hand, Omega7, Submovement, duration
 from rcmqp.references.operators.learning import Learning
 from rcmqp.references.operators.perception import Eyes
@@ -17,7 +17,7 @@ from rcmqp.references.operators.population import Operator
 from rcmqp.references.view import ViewCommand
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Vector3
-from rcmqp.world.obstacles import Sphere
+from rcmqp.world.obstacles import Sphere, clearance
 
 CUT = 0.9
 """Share of the distance that start and goal have, up to which a way can keep its own."""
