@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 class RcmqpError(Exception):
-    """Root of every error that rcmqp raises on purpose; gets home from any process whole."""
+    """Root of every error that rcmqp raises on purpose; it can be pickled."""
 
     def __reduce__(self) -> tuple[object, ...]:
         """For pickle, which would call the class with the message in place of its arguments."""
@@ -126,7 +126,7 @@ class CalibrationError(RcmqpError):
 
 
 class InvalidCommand(RcmqpError, ValueError):
-    """A view command, a pose or joint angles are no finite numbers, or of the wrong size."""
+    """A view command, a pose or a joint vector is not finite or has the wrong size."""
 
 
 class OptionError(RcmqpError, ValueError):
@@ -156,3 +156,23 @@ class ToolMissing(ViewError):
     def __init__(self, tool: str, remedy: str) -> None:
         self.tool, self.remedy = tool, remedy
         super().__init__(f"{tool} is not installed, or not found: {remedy}")
+
+
+class InvalidProblem(RcmqpError, ValueError):
+    """A QP, level or set of bounds has a NaN, a wrong shape or an impossible bound."""
+
+
+class WrongShape(InvalidProblem):
+    """An array of a QP, level or set of bounds is not numbers, or has a wrong shape.
+
+    This comes from a mistake in a program, not from the arm's state: no controller answers it
+    with its safe stop.
+    """
+
+
+class SolverNotInstalled(RcmqpError, ImportError):
+    """A solver is known by name, but its package is missing."""
+
+    def __init__(self, solver: str, package: str) -> None:
+        self.solver, self.package = solver, package
+        super().__init__(f"solver {solver!r} is not installed; run: pip install {package}")

@@ -17,11 +17,10 @@ from rcmqp import ArmState, Reference, _kernel, load_scenario, simulate
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.controllers.hierarchical_qp import default_limits
 from rcmqp.controllers.stack import LevelOfTasks
-from rcmqp.errors import OptionError
+from rcmqp.errors import InvalidProblem, OptionError, WrongShape
 from rcmqp.limits import Constraint, JointLimits, Limit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import HierarchySolution, Level
-from rcmqp.qp.problem import InvalidProblem, WrongShape
 from rcmqp.tasks import (
     ObjectiveTask,
     PostureTask,

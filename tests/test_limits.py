@@ -11,11 +11,10 @@ import pytest
 from helpers import assert_allclose, random_placement
 from limit_parts import ARMS, NEEDED, T, insertion, reference
 
-from rcmqp.errors import RcmqpError
+from rcmqp.errors import InvalidProblem, RcmqpError
 from rcmqp.limits import LIMITS, Constraint, EntrySphere, Limit, combine, make_limit
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp.problem import InvalidProblem
 from rcmqp.references.view import Reference
 from rcmqp.world.arm import ArmState
 

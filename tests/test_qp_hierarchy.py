@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import InvalidProblem, OptionError, UnknownName, WrongShape
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.hierarchy import Hierarchy, hierarchy_backends
 from rcmqp.qp.levels import Bounds, HierarchySolution, Level
-from rcmqp.qp.problem import QP, InvalidProblem, QPSolution, Status, WrongShape
+from rcmqp.qp.problem import QP, QPSolution, Status
 from rcmqp.qp.solvers import get_solver
 
 BACKENDS = hierarchy_backends()

@@ -8,16 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.errors import InvalidProblem, OptionError, RcmqpError, SolverNotInstalled, UnknownName
 from rcmqp.qp import solvers
-from rcmqp.qp.problem import (
-    QP,
-    InvalidProblem,
-    QPSolution,
-    SolverNotInstalled,
-    Status,
-    kkt_residuals,
-)
+from rcmqp.qp.problem import QP, QPSolution, Status, kkt_residuals
 from rcmqp.qp.solvers import get_solver, solver_names
 
 NATIVE = [name for name in ("proxqp", "daqp") if name in solver_names()]

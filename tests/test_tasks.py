@@ -12,10 +12,9 @@ from helpers import assert_allclose, derivative, shaft_distance
 
 from rcmqp import load_arm
 from rcmqp.controllers import make_controller
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import InvalidProblem, OptionError, UnknownName
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp.problem import InvalidProblem
 from rcmqp.references.view import Reference
 from rcmqp.tasks import TASKS, ObjectiveTask, PostureTask, Residual, Task, make_task
 from rcmqp.tasks.objectives import Objective, make_objective

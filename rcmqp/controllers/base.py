@@ -18,9 +18,10 @@ from rcmqp.controllers.braking import Brake
 from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
 from rcmqp.errors import InvalidCommand, OptionError
-from rcmqp.limits.joints import JointLimits, braking_speed
+from rcmqp.limits.joints import JointLimits
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, positive, refused
+from rcmqp.maths.smooth import braking_speed
 from rcmqp.qp import HierarchySolution, InvalidProblem, LevelResult, WrongShape
 from rcmqp.references.view import Reference
 from rcmqp.tasks import TASKS

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rcmqp.limits.joints import JointLimits, believed, braking_speed
+from rcmqp.limits.joints import JointLimits, believed
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.smooth import braking_speed
 from rcmqp.qp import Hierarchy
 from rcmqp.qp.levels import Bounds, Level
 from rcmqp.references.view import STILL, Reference

@@ -13,9 +13,9 @@ from rcmqp.limits.base import CompiledLimit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level, WrongShape
 from rcmqp.qp.levels import Answer, Bounds
-from rcmqp.references.view import Reference
+from rcmqp.references.view import Reference, cycle
 from rcmqp.tasks import ObjectiveTask, Residual, Task, Together
-from rcmqp.tasks.base import block_of, cycle
+from rcmqp.tasks.base import block_of
 from rcmqp.world.arm import Arm, ArmState
 
 LevelOfTasks: TypeAlias = Task | Together

@@ -20,7 +20,7 @@
 
 #define ROUNDING 1e-12
 
-/* limits/joints.py: braking_speed() */
+/* maths/smooth.py: braking_speed() */
 double braking_speed(double distance, double deceleration, double T)
 {
     const double d = fabs(distance), step = deceleration * T;

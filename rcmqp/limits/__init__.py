@@ -18,8 +18,9 @@ from rcmqp.limits.instrument import (
     TrocarCone,
     TrocarDepth,
 )
-from rcmqp.limits.joints import JointLimits, braking_speed
-from rcmqp.tasks.base import check_name
+from rcmqp.limits.joints import JointLimits
+from rcmqp.maths.options import check_name
+from rcmqp.maths.smooth import braking_speed
 from rcmqp.world.insertion import Insertion
 
 LIMITS: dict[str, type[Limit]] = {

@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp._kernel import Block, frozen, paced, record
-from rcmqp.errors import OptionError
+from rcmqp.errors import InvalidProblem, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import allowed, check, positive, positive_or_inf
 from rcmqp.qp.levels import Bounds
-from rcmqp.qp.problem import InvalidProblem
-from rcmqp.references.view import Reference
-from rcmqp.tasks.base import cycle, filled_in
+from rcmqp.references.view import Reference, cycle
 from rcmqp.world.arm import ArmState
-from rcmqp.world.insertion import Insertion
+from rcmqp.world.insertion import Insertion, filled_in
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

@@ -12,8 +12,7 @@ from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.limits.base import CompiledLimit, Damper
 from rcmqp.maths.options import finite, one_of, positive, rule
-from rcmqp.tasks.base import filled_in
-from rcmqp.world.insertion import Insertion
+from rcmqp.world.insertion import Insertion, filled_in
 from rcmqp.world.instrument import MOST_JOINTS, Instrument, Trocar, Vector3, Wrist, vector3
 
 PARTS = ("tip", "shaft")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
@@ -180,36 +179,3 @@ def believed(arm: Arm, v: Array, a: Array, period: float) -> tuple[Array, Array]
     none = absurd | (np.abs(a) > BEYOND * most)
     v = np.where(absurd, np.copysign(top, v), v)
     return v, np.where(none, 0.0, np.clip(a, -most, most))
-
-
-def braking_speed(distance: ArrayLike, deceleration: ArrayLike, period: float) -> Array:
-    """Largest speed towards a limit from which a joint sampled with T can still brake.
-
-    Gone for this cycle at v, and then slowed down by a T a cycle, the joint goes
-
-        S(v) = v T + sum_{j >= 1} max(0, v - j a T) T = T ((m + 1) v - a T m (m + 1) / 2),
-
-    with m = floor(v / (a T)) braking cycles. S grows, and S(m a T) = a T^2 m (m + 1) / 2, so
-    S(v) = d is solved by
-
-        v = d / ((m + 1) T) + m a T / 2,   m = floor((sqrt(1 + 8 d / (a T^2)) - 1) / 2),
-
-    continuous and piecewise linear in d. Without a limit on the deceleration m = 0, v = d / T;
-    for small T it is sqrt(2 a d).
-
-    Args:
-        distance: (...) d to the limit [rad] or [m]; beyond the limit, negative, the answer is
-            -v(|d|): the slowest way back that keeps the pace to stop on the limit.
-        deceleration: (...) a [rad/s^2], inf for none.
-        period: T [s].
-
-    Returns:
-        (...) v, inf for an infinite distance.
-    """
-    d = np.abs(np.asarray(distance, dtype=float))
-    step = np.asarray(deceleration, dtype=float) * period
-    with np.errstate(invalid="ignore"):  # inf / inf, both without limit
-        m = np.floor((np.sqrt(1.0 + 8.0 * d / (step * period)) - 1.0) / 2.0)
-    m = np.where(np.isfinite(m), m, 0.0)
-    speed = d / ((m + 1.0) * period) + m * np.where(m > 0.0, step, 0.0) / 2.0
-    return np.asarray(np.copysign(speed, distance))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from numbers import Integral, Real
 from typing import Any, TypeAlias, TypeVar
 
@@ -190,3 +190,17 @@ def _real(value: Any) -> float:
         return float(value)
     except OverflowError:  # an int beyond 1e308
         return math.nan
+
+
+def check_name(kind: str, name: str, registry: Mapping[str, type], options: Iterable[str]) -> None:
+    """Check a name of a registry, and the names of its options.
+
+    Raises:
+        UnknownName: the registry, or the dataclass of that name, does not have it.
+    """
+    if name not in registry:
+        raise UnknownName(kind, name, registry)
+    known = [item.name for item in dataclasses.fields(registry[name]) if item.init]
+    for option in options:
+        if option not in known:
+            raise UnknownName(f"option of {name}", option, known)

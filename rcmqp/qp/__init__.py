@@ -1,18 +1,9 @@
 """QPs and strict hierarchies of least squares, with backends by name."""
 
+from rcmqp.errors import InvalidProblem, SolverNotInstalled, WrongShape
 from rcmqp.qp.hierarchy import Hierarchy, hierarchy_backends
 from rcmqp.qp.levels import Bounds, HierarchySolution, Level, LevelResult, Route
-from rcmqp.qp.problem import (
-    QP,
-    InvalidProblem,
-    KKTResiduals,
-    QPSolution,
-    QPSolver,
-    SolverNotInstalled,
-    Status,
-    WrongShape,
-    kkt_residuals,
-)
+from rcmqp.qp.problem import QP, KKTResiduals, QPSolution, QPSolver, Status, kkt_residuals
 from rcmqp.qp.solvers import get_solver, solver_names
 
 __all__ = [

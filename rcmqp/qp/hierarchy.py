@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import InvalidProblem, OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.levels import Answer, Bounds, HierarchySolution, Level
-from rcmqp.qp.problem import QP, InvalidProblem, QPSolver, Status, checked
+from rcmqp.qp.problem import QP, QPSolver, Status, checked
 from rcmqp.qp.solvers import get_solver, solver_names
 
 HEAVY = 1e-4

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rcmqp._kernel import record
+from rcmqp.errors import InvalidProblem
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp.problem import InvalidProblem, Status, checked
+from rcmqp.qp.problem import Status, checked
 
 Flags: TypeAlias = NDArray[np.bool_]
 

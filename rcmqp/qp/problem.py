@@ -9,28 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.errors import RcmqpError
+from rcmqp.errors import InvalidProblem, WrongShape
 from rcmqp.maths.dualquaternion import Array
-
-
-class InvalidProblem(RcmqpError, ValueError):
-    """A QP, level or set of bounds has a NaN, a wrong shape or an impossible bound."""
-
-
-class WrongShape(InvalidProblem):
-    """An array of a QP, level or set of bounds is not numbers, or has a wrong shape.
-
-    This comes from a mistake in a program, not from the arm's state: no controller answers it
-    with its safe stop.
-    """
-
-
-class SolverNotInstalled(RcmqpError, ImportError):
-    """A solver is known by name, but its package is missing."""
-
-    def __init__(self, solver: str, package: str) -> None:
-        self.solver, self.package = solver, package
-        super().__init__(f"solver {solver!r} is not installed; run: pip install {package}")
 
 
 class Status(enum.Enum):

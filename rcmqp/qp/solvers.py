@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from rcmqp.errors import OptionError, UnknownName
-from rcmqp.qp.problem import QPSolver, SolverNotInstalled
+from rcmqp.errors import OptionError, SolverNotInstalled, UnknownName
+from rcmqp.qp.problem import QPSolver
 
 _NATIVE = {"proxqp": ("rcmqp.qp.proxqp_", "ProxQP"), "daqp": ("rcmqp.qp.daqp_", "DAQP")}
 

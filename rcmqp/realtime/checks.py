@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from rcmqp.controllers.braking import Brake
 from rcmqp.errors import InvalidCommand, RcmqpError
-from rcmqp.limits.joints import braking_speed
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.maths.smooth import braking_speed
 from rcmqp.references.view import Stamped
 from rcmqp.world.arm import Arm, ArmState
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
+from typing import TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
 from rcmqp.errors import InvalidCommand
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.world.arm import ArmState
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,4 +175,26 @@ def view_of_pose(x_rcm: ArrayLike, x: ArrayLike) -> ViewCommand:
         beta=-math.asin(max(-1.0, min(1.0, axis[1]))),
         gamma=math.atan2(R[1, 0], R[1, 1]),
         t_z=float(rcmMe.translation @ axis),
+    )
+
+
+Cycle: TypeAlias = tuple[
+    Array, Array, Array, Array, Array, Array, Array, Array, Array, pin.SE3 | tuple[Array, Array]
+]
+"""Arrays of a state and a reference, in the order in which compiled code takes them."""
+
+
+def cycle(state: ArmState, reference: Reference) -> Cycle:
+    """What compiled code is given of a state and a reference."""
+    return (
+        state.x,
+        state.J_local,
+        state.angles,
+        state.v,
+        state.a,
+        reference.x_d,
+        reference.x_d_dot,
+        reference.pivot,
+        reference.pivot_dot,
+        state.tool_at,
     )

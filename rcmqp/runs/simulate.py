@@ -12,9 +12,8 @@ import numpy as np
 
 from rcmqp._kernel import all_finite
 from rcmqp.controllers.base import Command, Controller
-from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.errors import InvalidCommand, InvalidProblem, OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import InvalidProblem
 from rcmqp.runs.channels import PART
 from rcmqp.runs.cycles import Cycles
 from rcmqp.runs.recorder import Recorder

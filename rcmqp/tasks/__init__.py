@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rcmqp.tasks.base import Residual, Task, Together, check_name
+from rcmqp.maths.options import check_name
+from rcmqp.tasks.base import Residual, Task, Together
 from rcmqp.tasks.objectives import ObjectiveTask, PostureTask
 from rcmqp.tasks.placement import (
     DepthTask,

@@ -5,44 +5,20 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp._kernel import Block, frozen, record
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import InvalidProblem, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, or_none, positive, refused, rule
 from rcmqp.qp.levels import Level
-from rcmqp.qp.problem import InvalidProblem
-from rcmqp.references.view import Reference
+from rcmqp.references.view import Reference, cycle
 from rcmqp.world.arm import ArmState
-from rcmqp.world.insertion import Insertion
-
-Cycle: TypeAlias = tuple[
-    Array, Array, Array, Array, Array, Array, Array, Array, Array, pin.SE3 | tuple[Array, Array]
-]
-"""Arrays of a state and a reference, in the order in which compiled code takes them."""
-
-
-def cycle(state: ArmState, reference: Reference) -> Cycle:
-    """What compiled code is given of a state and a reference."""
-    return (
-        state.x,
-        state.J_local,
-        state.angles,
-        state.v,
-        state.a,
-        reference.x_d,
-        reference.x_d_dot,
-        reference.pivot,
-        reference.pivot_dot,
-        state.tool_at,
-    )
+from rcmqp.world.insertion import Insertion, filled_in
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -253,45 +229,3 @@ class Together:
             return NotImplemented
         more = other.tasks if isinstance(other, Together) else (other,)
         return Together((*self.tasks, *more))
-
-
-def filled_in(
-    cls: type, insertion: Insertion, options: Mapping[str, Any], **more: Any
-) -> dict[str, Any]:
-    """Options of a dataclass: those given, and those that the insertion or ``more`` has by name.
-
-    Raises:
-        OptionError: an option without a default is still missing.
-    """
-    known = more | {
-        "arm": insertion.arm,
-        "instrument": insertion.instrument,
-        "trocar": insertion.trocar,
-        "tip_depth": insertion.tip_depth,
-        "wrist": insertion.arm.wrist,
-    }
-    fields = [item for item in dataclasses.fields(cls) if item.init]
-    found = {item.name: known[item.name] for item in fields if item.name in known}
-    found.update(options)
-    missing = [
-        item.name
-        for item in fields
-        if item.name not in found and item.default is item.default_factory is dataclasses.MISSING
-    ]
-    if missing:
-        raise OptionError(f"{cls.__name__} needs {' and '.join(missing)}; give a value for each")
-    return found
-
-
-def check_name(kind: str, name: str, registry: Mapping[str, type], options: Iterable[str]) -> None:
-    """Check a name of a registry, and the names of its options.
-
-    Raises:
-        UnknownName: the registry, or the dataclass of that name, does not have it.
-    """
-    if name not in registry:
-        raise UnknownName(kind, name, registry)
-    known = [item.name for item in dataclasses.fields(registry[name]) if item.init]
-    for option in options:
-        if option not in known:
-            raise UnknownName(f"option of {name}", option, known)

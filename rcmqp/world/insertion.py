@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -210,3 +212,31 @@ def _check_tilt(trocar: Trocar, shaft: Array) -> None:
             f"allows {math.degrees(trocar.cone_half_angle):.1f} deg; turn the axis (it points "
             "into the patient) or widen the cone"
         )
+
+
+def filled_in(
+    cls: type, insertion: Insertion, options: Mapping[str, Any], **more: Any
+) -> dict[str, Any]:
+    """Options of a dataclass: those given, and those that the insertion or ``more`` has by name.
+
+    Raises:
+        OptionError: an option without a default is still missing.
+    """
+    known = more | {
+        "arm": insertion.arm,
+        "instrument": insertion.instrument,
+        "trocar": insertion.trocar,
+        "tip_depth": insertion.tip_depth,
+        "wrist": insertion.arm.wrist,
+    }
+    fields = [item for item in dataclasses.fields(cls) if item.init]
+    found = {item.name: known[item.name] for item in fields if item.name in known}
+    found.update(options)
+    missing = [
+        item.name
+        for item in fields
+        if item.name not in found and item.default is item.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise OptionError(f"{cls.__name__} needs {' and '.join(missing)}; give a value for each")
+    return found
