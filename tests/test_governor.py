@@ -239,7 +239,7 @@ def test_references_do_not_depend_on_how_many_are_made_at_once(
     scenario = dataclasses.replace(governed(too_fast), duration=0.3, pivot_velocity="estimated")
     whole = run_of(scenario)
     assert whole.path_time[-1] < 0.299
-    monkeypatch.setattr("rcmqp.runs.scenario.BLOCK", 7)
+    monkeypatch.setattr("rcmqp.runs.asked.BLOCK", 7)
     assert run_of(scenario).digest == whole.digest
 
 

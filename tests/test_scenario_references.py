@@ -115,7 +115,7 @@ def test_references_do_not_depend_on_how_many_are_made_at_once(
     scenario = moving(how, duration=0.06, planner_time=planner_time)
     insertion, found = scenario.insertion(), []
     for block in (512, 7, 1):
-        monkeypatch.setattr("rcmqp.runs.scenario.BLOCK", block)
+        monkeypatch.setattr("rcmqp.runs.asked.BLOCK", block)
         references = list(scenario.references(insertion))
         assert len(references) == scenario.cycles
         found.append([np.concatenate(dataclasses.astuple(reference)) for reference in references])

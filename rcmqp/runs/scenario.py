@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import json
 import math
 import os
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp import _kernel
-from rcmqp.errors import OptionError, RcmqpError, UnknownName
+from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import (
     at_least,
@@ -29,23 +26,21 @@ from rcmqp.maths.options import (
     rule,
     whole,
 )
-from rcmqp.plants import PLANTS, Kinematic, Plant
-from rcmqp.references.governor import Governed, Governor, PathClock, check_may_wait
-from rcmqp.references.operators import STEERED, Steered
-from rcmqp.references.operators.camera_task import AHEAD
-from rcmqp.references.paths import PATHS, Foreign, Path, views_of
+from rcmqp.plants import Kinematic, Plant
+from rcmqp.references.governor import Governor, PathClock, check_may_wait
+from rcmqp.references.operators import Steered
+from rcmqp.references.paths import Foreign, Path
 from rcmqp.references.planner import Planner
-from rcmqp.references.view import Reference, carried, view_pose
-from rcmqp.runs.untrusted import shortened
+from rcmqp.references.view import Reference
+from rcmqp.runs import asked, scenario_json
 from rcmqp.world.arm import Arm, ArmState
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.carried import CarriedArm, own_name
 from rcmqp.world.insertion import SHAFT_TOLERANCE, Insertion
-from rcmqp.world.instrument import Instrument, Mount, Trocar
+from rcmqp.world.instrument import Instrument, Trocar
 from rcmqp.world.loading import arm_names, load_arm, names_its_flange
-from rcmqp.world.motions import MOTIONS, Motion, Still
+from rcmqp.world.motions import Motion, Still
 from rcmqp.world.obstacles import Sphere
-from rcmqp.world.plugins import Registry
 
 DEFAULT_ARM = "lwa3"
 
@@ -59,14 +54,8 @@ MOST_CYCLES = 10_000_000
 MOST_LETTERS = {"name": 200, "arm": 4096, "flange": 1000}
 """Of texts in a scenario: an arm may be the path of a URDF."""
 
-MOST_DIGITS = 300
-"""Digits of a whole number: a float can hold it."""
-
 MOST_TIME = 1e300
 """Seconds that duration and period are below: their ratio is finite."""
-
-BLOCK = 512
-"""Sampling instants that are prepared, and put away, at once."""
 
 
 def _angles(name: str, values: Iterable[float]) -> tuple[float, ...]:
@@ -86,7 +75,7 @@ def _text(name: str, value: str) -> str:
 
 
 def _path(name: str, path: Path | Steered) -> Path | Steered:
-    if not isinstance(path, Foreign) and _kind_of("path", path) is None:
+    if not isinstance(path, Foreign) and scenario_json.kind_of("path", path) is None:
         raise OptionError(
             f"{name} = {path!r} is of no registered kind; add its class to "
             "rcmqp.references.paths.PATHS"
@@ -213,7 +202,7 @@ class Scenario:
             limits: of the joints, in place of the arm's own.
             fields: of the scenario, other than their defaults.
         """
-        loaded = load_arm(arm, flange, **_given(limits))
+        loaded = load_arm(arm, flange, **given_limits(limits))
         insertion = Insertion.on_shaft(loaded, Instrument(), angles_start, depth=depth)
         return cls.of(name, insertion, path, **({"limits": limits} | fields))
 
@@ -266,8 +255,8 @@ class Scenario:
             RcmqpError: the arm cannot be loaded.
         """
         if self.carried_arm is None:
-            return load_arm(self.arm, self.flange, **_given(self.limits))
-        return self.carried_arm.load(self.flange, _given(self.limits))
+            return load_arm(self.arm, self.flange, **given_limits(self.limits))
+        return self.carried_arm.load(self.flange, given_limits(self.limits))
 
     def portable(self) -> Scenario:
         """The scenario as files have it: of an arm's own file the name, without its folders."""
@@ -291,7 +280,7 @@ class Scenario:
     def has_limits_of(self, arm: Arm) -> bool:
         """Whether an arm of the scenario's name has the limits that the scenario gives it."""
         by_hand = arm.limits_by_hand.given()
-        if not by_hand.keys() | _given(self.limits).keys():
+        if not by_hand.keys() | given_limits(self.limits).keys():
             return True
         own = self.load_arm()
         names = ("lower", "upper", "velocity", "acceleration", "jerk")
@@ -310,7 +299,7 @@ class Scenario:
     def pivots(self, cycles: range | None = None) -> Array:
         """Where the trocar is (n, 3) at n sampling instants, or at all, in the world [m]."""
         cycles = range(self.cycles) if cycles is None else cycles
-        return np.array(self.trocar.pivot) + self._offsets(cycles)
+        return np.array(self.trocar.pivot) + asked.offsets(self, cycles)
 
     def clock(self) -> PathClock | None:
         """A clock for references(), to look at from outside; None without a governor."""
@@ -335,85 +324,7 @@ class Scenario:
             InsertionError: a view is deeper than the shaft is long.
             OptionError: the path is Foreign.
         """
-        planner = self.planner(insertion.x_rcm)
-        if isinstance(self.path, Steered):
-            yield from self._steered(self.path, insertion, planner)
-            return
-        if self.governor is not None:
-            governed = Governed(self.path, insertion, clock or PathClock(self.governor))
-            yield from self._governed(governed, planner)
-            return
-        state: ArmState | None = None
-        for reference in self._drawn(self.path, insertion):
-            state = yield self._planned(planner, reference, state)
-
-    def _planned(
-        self, planner: Planner | None, reference: Reference, state: ArmState | None
-    ) -> Reference:
-        """The reference as the path planner has it, if there is one."""
-        if planner is None:
-            return reference
-        if state is None or self.planner_from == "reference":
-            return planner.step(reference)
-        return planner.step(reference, state.x)
-
-    def _steered(
-        self, path: Steered, insertion: Insertion, planner: Planner | None
-    ) -> Generator[Reference, ArmState | None]:
-        """The references of a path that is steered by the state reached last."""
-        ask, x = path.start(insertion, self.period, self.seed).command, insertion.x_rcm
-        state: ArmState | None = None
-        for cycles in blocks(self.cycles):
-            for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
-                t = k * self.period
-                command = ask(t, x)
-                if command is None:
-                    return
-                insertion.check_reach(t, command.t_z)
-                reference = view_pose(carried(insertion.x_rcm, offset), command, pivot_dot)
-                reference = self._planned(planner, reference, state)
-                state = yield reference
-                x = reference.x_d if state is None else state.x
-
-    def _governed(
-        self, governed: Governed, planner: Planner | None
-    ) -> Generator[Reference, ArmState | None]:
-        """The references of a path that waits for the arm."""
-        state: ArmState | None = None
-        for cycles in blocks(self.cycles):
-            for k, offset, pivot_dot in zip(cycles, *self._trocar(cycles), strict=True):
-                reference = governed.reference(k * self.period, offset, pivot_dot)
-                reference = self._planned(planner, reference, state)
-                state = yield reference
-                if state is not None:
-                    governed.see(state, reference)
-
-    def _drawn(self, path: Path, insertion: Insertion) -> Iterator[Reference]:
-        """The references of any other path, made a block at a time."""
-        for cycles in blocks(self.cycles):
-            times = self.period * np.arange(cycles.start, cycles.stop, dtype=float)
-            views = views_of(path, times, insertion.tip_depth)
-            deepest = int(np.argmax(views[:, 3]))
-            insertion.check_reach(times[deepest], views[deepest, 3])
-            offsets, pivot_dots = self._trocar(cycles)
-            made = _kernel.view_poses(insertion.x_rcm, views, offsets, pivot_dots)
-            yield from map(Reference, *made, pivot_dots)
-
-    def _trocar(self, cycles: range) -> tuple[Array, Array]:
-        """The trocar's offsets (n, 3) [m], and what is told of its velocity (n, 3) [m/s]."""
-        offsets = self._offsets(cycles)
-        if self.pivot_velocity == "unknown" or isinstance(self.motion, Still):
-            return offsets, np.zeros_like(offsets)
-        if self.pivot_velocity == "measured":
-            return offsets, np.array([self.motion.velocity(k * self.period) for k in cycles])
-        before = self._offsets(range(max(cycles.start - 1, 0), cycles.start or 1))
-        return offsets, np.diff(np.concatenate([before, offsets]), axis=0) / self.period
-
-    def _offsets(self, cycles: range) -> Array:
-        """Where the trocar is (n, 3) from where it was at first [m]."""
-        if isinstance(self.motion, Still):
-            return np.zeros((len(cycles), 3))
-        return np.array([self.motion.position(k * self.period) for k in cycles])
+        return asked.references(self, insertion, clock)
 
     def to_json(self, *, carry: bool = False) -> str:
         """The scenario as JSON; from_json() makes an equal one of it.
@@ -422,26 +333,7 @@ class Scenario:
             carry: whether the arm of a file of one's own goes along, so that the scenario can be
                 run elsewhere.
         """
-        data = dataclasses.asdict(dataclasses.replace(self, carried_arm=None))
-        del data["limits"], data["carried_arm"]
-        if self.governor is None:  # files of before there were governors say the same
-            del data["governor"]
-        _leave_out_straight(data["instrument"])
-        if self.planner_from == "reference":  # likewise
-            del data["planner_from"]
-        if self.limits is not None:  # else as in files of earlier versions, whose digest stays
-            data["limits"] = self.limits.to_data()
-        if carry and self.carried_arm is not None and self.arm not in arm_names():
-            data["carried_arm"] = self.carried_arm.to_json()
-        for name in _KINDS:
-            if isinstance(self.path, Foreign) and name == "path":
-                data[name] = {"kind": self.path.kind, **self.path.numbers}
-                continue
-            data[name] = {"kind": _kind_of(name, getattr(self, name)), **data[name]}
-        match data["path"]:
-            case {"task": {"towards": towards}} if towards == AHEAD:  # likewise
-                del data["path"]["task"]["towards"]
-        return json.dumps(data, allow_nan=False)
+        return scenario_json.written(self, carry)
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:
@@ -454,99 +346,9 @@ class Scenario:
             OptionError: the text is no scenario; the message says what is wrong with it.
             UnknownName: its motion or plant is of an unknown kind.
         """
-        part = "its JSON"
-        try:
-            data = json.loads(text, parse_constant=_refuse, parse_int=_whole, parse_float=_finite)
-            part = "path"
-            path = data["path"]
-            if not isinstance(path["kind"], str):
-                raise TypeError(f"kind = {path['kind']!r:.50}, it must be text")
-            known = any(path["kind"] in registry for registry in _KINDS["path"])
-            numbers = {name: value for name, value in path.items() if name != "kind"}
-            data["path"] = _of_kind("path", path) if known else Foreign(path["kind"], numbers)
-            for part in _KINDS.keys() & data.keys() - {"path"}:
-                data[part] = _of_kind(part, data[part])
-            part = "instrument"
-            data["instrument"] = Instrument(**data["instrument"])
-            part = "trocar"
-            data["trocar"] = Trocar(**data["trocar"])
-            part = "governor"
-            if data.get("governor") is not None:
-                data["governor"] = Governor(**data["governor"])
-            part = "obstacles"
-            data["obstacles"] = tuple(Sphere(**sphere) for sphere in data.get("obstacles", ()))
-            part = "limits"
-            if data.get("limits") is not None:
-                data["limits"] = ArmLimits.from_data(data["limits"])
-            part = "carried_arm"
-            if data.get("carried_arm") is not None:
-                data["carried_arm"] = CarriedArm.from_json(data["carried_arm"])
-            part = "its fields"
-            return cls(**data)
-        except RcmqpError:
-            raise
-        except Exception as error:  # a damaged text can make Python raise almost any
-            said = f"{type(error).__name__}: {error}"
-            raise OptionError(
-                f"this is not a scenario: {shortened(said, 300)} (in {part})"
-            ) from error
+        return scenario_json.read(text, cls)
 
 
-_KINDS: dict[str, tuple[Registry[Any], ...]] = {
-    "path": (PATHS, STEERED),
-    "motion": (MOTIONS,),
-    "plant": (PLANTS,),
-}
-"""Fields of a scenario that are one of several kinds, and those kinds."""
-
-
-def _leave_out_straight(instrument: dict[str, Any]) -> None:
-    """Delete, in place, what files of earlier versions, without mounts, do not say."""
-    if instrument["mount"] == dataclasses.asdict(Mount()):
-        del instrument["mount"]
-    if instrument["wrist"] is None:
-        del instrument["wrist"]
-    for name in ("angle", "roll"):
-        if instrument["camera"][name] == 0.0:
-            del instrument["camera"][name]
-
-
-def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
-    """A path, motion or plant out of its own numbers and its ``kind``."""
-    options = dict(data)
-    kind = options.pop("kind")
-    for registry in _KINDS[name]:
-        if kind in registry:
-            return registry[kind](**options)
-    raise UnknownName(name, kind, itertools.chain(*_KINDS[name]))
-
-
-def _kind_of(name: str, value: object) -> str | None:
-    """The ``kind`` of a path, motion or plant; None if its class is in no registry."""
-    kinds = (registry.name_of(type(value)) for registry in _KINDS[name])
-    return next(filter(None, kinds), None)
-
-
-def blocks(cycles: int) -> Iterator[range]:
-    """All cycles, BLOCK at a time."""
-    for first in range(0, cycles, BLOCK):
-        yield range(first, min(first + BLOCK, cycles))
-
-
-def _given(limits: ArmLimits | None) -> dict[str, Any]:
-    """What load_arm() is told of limits."""
+def given_limits(limits: ArmLimits | None) -> dict[str, Any]:
+    """The limits set by hand, as load_arm() takes them."""
     return {} if limits is None else limits.given()
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant:.50} is no number that a scenario could use")
-
-
-def _whole(digits: str) -> int:
-    if len(digits) > MOST_DIGITS:
-        raise ValueError(f"{digits[:20]}... has {len(digits)} digits")
-    return int(digits)
-
-
-def _finite(digits: str) -> float:
-    return number if math.isfinite(number := float(digits)) else _refuse(digits)
