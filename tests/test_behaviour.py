@@ -22,7 +22,7 @@ from rcmqp import (
     make_controller,
     simulate,
 )
-from rcmqp.cli.console import _after_the_stop, _path_end, warnings
+from rcmqp.cli.results import _after_the_stop, _path_end, warnings
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.governor import Governor

@@ -26,7 +26,7 @@ from rcmqp import (
     simulate,
 )
 from rcmqp.cli import main
-from rcmqp.cli.console import _summary, warnings
+from rcmqp.cli.results import _summary, warnings
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.references.governor import Governor
 from rcmqp.runs.vocabulary import AFTER_THE_STOP

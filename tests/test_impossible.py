@@ -12,7 +12,7 @@ from helpers import inserted
 from stopping import T, every_controller, home, view
 
 from rcmqp import Arm, Insertion, Run, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp.cli.console import warnings
+from rcmqp.cli.results import warnings
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.plants import PLANTS, KinematicDrive

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rcmqp import Run, Scenario, compute_metrics, load_scenario, make_controller, simulate
-from rcmqp.cli.console import warnings
+from rcmqp.cli.results import warnings
 from rcmqp.controllers import Controller
 from rcmqp.errors import RunFileError
 from rcmqp.runs.head import SIGNATURE

@@ -22,7 +22,7 @@ from rcmqp import (
     scenario_names,
     simulate,
 )
-from rcmqp.cli.console import warnings
+from rcmqp.cli.results import warnings
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.maths.dualquaternion import Array, to_se3
 from rcmqp.runs.loading import scenario_module

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from rcmqp import load_arm, load_scenario, make_controller, simulate
-from rcmqp.cli import console
+from rcmqp.cli import console, lists
 from rcmqp.experiments.study.hands import HandMeasures
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.vocabulary import HANDS, TRIALS
@@ -117,11 +117,12 @@ def test_prismatic_joints_are_in_metres(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(console, "out", Console(width=160, emoji=False))
+    monkeypatch.setattr(lists, "out", console.out)
     arm = load_arm(slider(tmp_path), "tool0")
     arm.name = "railed"  # short enough for the terminal
     assert arm.joint_units == ("m", *["rad"] * 6)
-    console.print_arms([arm])
-    console.print_arm(arm)
+    lists.print_arms([arm])
+    lists.print_arm(arm)
     text = capsys.readouterr().out
     assert "; 0.8 m" in " ".join(text.split())
     assert "; 0.5 m" in " ".join(text.split())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -140,7 +141,7 @@ def compare(
     for note in notes:
         console.print_note(note)
     if as_json:
-        console.print_json([console.row_json(row) for row in rows])
+        console.print_json([dataclasses.asdict(row) for row in rows])
     else:
         console.print_tables(tables(rows))
         console.print_written(folder, ": all columns in comparison.md and comparison.csv")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rcmqp.cli.console import out, print_written
+from rcmqp.cli.console import print_written, say
 from rcmqp.cli.study import PRACTICE, Operators, Seed, learning_of
 
 
@@ -41,6 +41,6 @@ def hands(
         seed=seed,
         learning=learning_of(practice),
     )
-    out.print(found.table, markup=False, highlight=False, soft_wrap=True)
+    say(found.table)
     for path in found.files:
         print_written(path)

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 import typer
 
 from rcmqp.cli import console
-from rcmqp.cli.console import out
+from rcmqp.cli.console import out, print_tables, say
 from rcmqp.cli.options import AsJson, FlangeOption
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.errors import PluginError, UnknownName
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.loading import scenario_module, scenario_names
+from rcmqp.runs.untrusted import one_line
 from rcmqp.show.table import Table
+from rcmqp.world.arm import Arm
+from rcmqp.world.ease import ease_at
+from rcmqp.world.insertion import Insertion
+from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import arm_names, load_arm
 
 T = TypeVar("T")
@@ -35,11 +43,11 @@ def arms(
     else:
         chosen = [load_arm(name, flange)]
     if as_json:
-        console.print_json([console.arm_json(arm) for arm in chosen])
+        console.print_json([arm_json(arm) for arm in chosen])
     elif name is None:
-        console.print_arms(chosen)
+        print_arms(chosen)
     else:
-        console.print_arm(chosen[0])
+        print_arm(chosen[0])
 
 
 def scenarios(as_json: AsJson = False) -> None:
@@ -96,3 +104,103 @@ def _text(value: Any) -> str:
 
 def _first_line(thing: object) -> str:
     return (inspect.getdoc(thing) or "").partition("\n")[0]
+
+
+def print_arms(arms: Iterable[Arm]) -> None:
+    """A line an arm."""
+    rows = [
+        (
+            arm.name,
+            str(arm.nv),
+            f"{arm.reach:.2f}",
+            _spans(arm, arm.upper - arm.lower),
+            _spans(arm, arm.velocity),
+            _spans(arm, arm.acceleration).replace("endless", "no limit"),
+            _spans(arm, arm.jerk).replace("endless", "no limit"),
+            "both" if arm.assumed == {"acceleration", "jerk"} else ", ".join(sorted(arm.assumed)),
+            arm.licence,
+        )
+        for arm in arms
+    ]
+    heads = "name joints reach travel speed acceleration jerk assumed licence".split()
+    print_tables([Table(heads, rows, words=len(heads))])
+    out.print(
+        "In m, deg, deg/s, deg/s^2, deg/s^3; prismatic joints in m, m/s, m/s^2, m/s^3. Assumed: "
+        "which of\nacceleration and jerk no source gives; a careful value stands in. rcmqp arms "
+        "NAME lists one arm's joints.",
+        style="dim",
+    )
+
+
+def print_arm(arm: Arm) -> None:
+    """A line a joint."""
+    out.print(
+        f"{arm.title}: reach {arm.reach:.3f} m, flange {arm.flange}, licence {arm.licence}",
+        soft_wrap=True,
+        highlight=False,
+        markup=False,
+    )
+    heads = ("joint", "unit", "lower", "upper", "speed", "acceleration", "jerk", "home")
+    rows = [
+        (
+            joint,
+            arm.joint_units[i],
+            *(f"{column[i]:.4f}" for column in (arm.lower, arm.upper)),
+            *(
+                _limit(getattr(arm, name)[i], bool(arm.is_assumed(name)[i]))
+                for name in ("velocity", "acceleration", "jerk")
+            ),
+            f"{arm.home[i]:.4f}",
+        )
+        for i, joint in enumerate(arm.joints)
+    ]
+    print_tables([Table(heads, rows, words=len(heads))])
+    note = "Positions in the joint's unit, speeds in unit/s, accelerations in unit/s^2, jerks in "
+    note += "unit/s^3."
+    if arm.assumed:
+        note += f" Assumed, as no source gives it: {', '.join(sorted(arm.assumed))}."
+    if arm.speed_near_limits is not None:
+        note += " Near its position limits a joint may move only more slowly."
+    out.print(note, style="dim", soft_wrap=True)
+    if arm.source is not None and arm.name not in arm_names():
+        ease = ease_at(Insertion.on_shaft(arm, Instrument()))
+        for line in (*arm.source.notes, f"home: {ease}"):
+            say(one_line(line))
+        for topic, source in arm.source.sources.items():
+            line = one_line(f"source of {topic}: {source}")
+            say(line, style="dim")
+
+
+def arm_json(arm: Arm) -> dict[str, Any]:
+    """What rcmqp arms --json prints for one arm."""
+    arrays = ("lower", "upper", "velocity", "acceleration", "jerk", "home")
+    return {
+        "name": arm.name,
+        "title": arm.title,
+        "joints": list(arm.joints),
+        "joint_units": list(arm.joint_units),
+        "reach": arm.reach,
+        **{name: getattr(arm, name).tolist() for name in arrays},
+        "assumed": sorted(arm.assumed),
+        "notes": [] if arm.source is None else list(arm.source.notes),
+        "licence": arm.licence,
+    }
+
+
+def _limit(value: float, assumed: bool) -> str:
+    """A limit of speed, acceleration or jerk, for people."""
+    return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
+
+
+def _spans(arm: Arm, values: Array) -> str:
+    """Least to largest of a limit: of revolute joints in degrees, of prismatic ones in metres."""
+    slides = np.array([unit == "m" for unit in arm.joint_units])
+    turning, sliding = np.degrees(values[~slides]), values[slides]
+    texts = [_span(turning, ".0f")] if turning.size else []
+    texts += [f"{_span(sliding, '.3g')} m"] if sliding.size else []
+    return "; ".join(texts)
+
+
+def _span(values: Array, style: str) -> str:
+    low, high = (format(x, style).replace("inf", "endless") for x in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rcmqp.cli.console import out, print_note
+from rcmqp.cli.console import print_note, say
 from rcmqp.controllers import Controller
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import OptionError
@@ -69,7 +69,7 @@ def loopback(
         record=recorder,
         **options,
     )
-    out.print(report.as_markdown(), markup=False, highlight=False, soft_wrap=True)
+    say(report.as_markdown())
     stop = report.loop.stop
     if stop.fault and report.loop.skipped and not priority:
         print_note(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rcmqp.cli import console
-from rcmqp.cli.console import out
+from rcmqp.cli.console import say
 from rcmqp.cli.options import (
     JOBS,
     AsJson,
@@ -20,6 +20,7 @@ from rcmqp.cli.options import (
     Trocar,
     port_of,
 )
+from rcmqp.cli.results import run_json
 from rcmqp.cli.study import OPERATORS, PRACTICE, SEED, reproduce_b
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.runs.metrics import compute_metrics
@@ -88,9 +89,9 @@ def reproduce(
         )
     if as_json:
         runs = [*found.runs, *found.rivals]
-        console.print_json([console.run_json(each, compute_metrics(each)) for each in runs])
+        console.print_json([run_json(each, compute_metrics(each)) for each in runs])
         return
-    out.print(found.table, markup=False, highlight=False, soft_wrap=True)
+    say(found.table)
     console.print_tables(tables(found.beside))
     for path in found.files:
         console.print_written(path)

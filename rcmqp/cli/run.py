@@ -28,6 +28,7 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
+from rcmqp.cli.results import print_run
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import controller_of, options_of, registered
 from rcmqp.errors import OptionError, UnknownName
@@ -173,7 +174,7 @@ def run(
         else:
             record(chosen, made, file, progress)
     if file is None:
-        console.print_run(result, as_json, None)
+        print_run(result, as_json, None)
     else:
         _show(file, as_json)
 
@@ -230,7 +231,7 @@ def show(
 def _show(file: Path, as_json: bool) -> None:
     """What is in a run's file."""
     with RunFile(file) as result:
-        console.print_run(result, as_json, file)
+        print_run(result, as_json, file)
 
 
 def _draw(

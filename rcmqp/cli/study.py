@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rcmqp.cli import console
-from rcmqp.cli.console import out
+from rcmqp.cli.console import say
 from rcmqp.cli.options import (
     AccelerationOption,
     Axis,
@@ -246,9 +246,9 @@ def _print(
         console.print_json([plain(outcome) for outcome in outcomes])
     else:
         for text in texts:
-            out.print(text, markup=False, highlight=False, soft_wrap=True)
+            say(text)
         for file in files:
-            out.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+            console.print_written(file)
     if any(outcome.failure for outcome in outcomes):
         raise typer.Exit(1)
 
@@ -276,4 +276,4 @@ def _remake(trial: Path, folder: Path) -> None:
             "or another URDF ran that",
             soft_wrap=True,
         )
-    out.print(f"wrote {file}: rcmqp view {file}", markup=False, highlight=False, soft_wrap=True)
+    say(f"wrote {file}: rcmqp view {file}")
