@@ -15,7 +15,7 @@ class RcmqpError(Exception):
     """Root of every error that rcmqp raises on purpose; it can be pickled."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """For pickle, which would call the class with the message in place of its arguments."""
+        """Restore attributes in pickle, which would call the class with the message alone."""
         return _restored, (type(self), self.args), self.__dict__
 
 
@@ -56,7 +56,7 @@ class PluginError(RcmqpError):
     Attributes:
         group: of the entry point.
         name: what it is called.
-        distribution: name and version of who adds it.
+        distribution: name and version of the distribution that adds it.
     """
 
     def __init__(self, group: str, name: str, distribution: str, reason: str) -> None:
@@ -118,7 +118,7 @@ class TrocarOffShaft(InsertionError):
 
 
 class NoStartFound(InsertionError):
-    """No configuration inside the limits puts the shaft through the wished trocar."""
+    """No configuration inside the limits puts the shaft through the given trocar."""
 
 
 class CalibrationError(RcmqpError):

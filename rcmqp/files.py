@@ -1,4 +1,4 @@
-"""Files that are whole or not there, on shared folders too; folders; names."""
+"""Atomic writing of files, on shared folders too; folders and names of files."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def sweep(folder: Path) -> int:
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:
-    """A folder that is there, made with its parents if it was not.
+    """Make a folder with its parents, if it is not there, and return it.
 
     Raises:
         RunFileError: it cannot be made.
@@ -94,7 +94,7 @@ def remove(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def held(path: str | os.PathLike[str]) -> Iterator[bool]:
-    """Hold a file, made empty if it is not there, for one process; yield whether it was free.
+    """Lock a file for one process and yield whether it was free; an empty file is made first.
 
     The system lets it go with the process, so one that was killed holds nothing.
 
@@ -119,7 +119,7 @@ def held(path: str | os.PathLike[str]) -> Iterator[bool]:
 
 
 def absent(path: str | os.PathLike[str]) -> str:
-    """Why there is no file to read at a path: what follows the path in an error."""
+    """Say why there is no file to read at a path; an error has this behind the path."""
     path = Path(path)
     try:
         if path.is_dir():
@@ -161,7 +161,7 @@ def check_ending(path: str | os.PathLike[str], *endings: str) -> None:
 
 
 def unlike(others: Collection[str], stem: str, ending: str = "") -> str:
-    """A name that is none of the others: numbered where it would be."""
+    """A name unlike the others: a number is added if it is among them."""
     name, count = f"{stem}{ending}", 2
     while name in others:
         name, count = f"{stem}_{count}{ending}", count + 1
@@ -169,13 +169,13 @@ def unlike(others: Collection[str], stem: str, ending: str = "") -> str:
 
 
 def why(error: OSError | RuntimeError) -> str:
-    """What the system says, without what HDF5 adds and the name of the file it was told."""
+    """The system's message for an error, without the file's name and HDF5's own words."""
     number = re.search(r"[Ee]rrno =? ?(\d+)", str(error))
     return os.strerror(int(number[1])) if number else str(error)
 
 
 def _part(target: Path) -> Path:
-    """A name, used once, for a file that is not whole yet."""
+    """A new name for a file that is not complete yet."""
     name = f".{target.stem[:100]}@{_host()}@{os.getpid()}-{next(_COUNT)}.part{target.suffix}"
     return target.with_name(name)
 
@@ -186,7 +186,7 @@ def _host() -> str:
 
 
 def _runs(process: int) -> bool:
-    """Whether this host has a process of that number."""
+    """Whether a process with that number runs on this host."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):

@@ -22,7 +22,7 @@ from rcmqp.world.plugins import Registry
 
 
 class Drive(Protocol):
-    """The joints of one run.
+    """The joints of an arm during one run.
 
     Attributes:
         q: (nq,) where they are: Pinocchio's configuration.
@@ -33,7 +33,7 @@ class Drive(Protocol):
     v: Array
 
     def measure(self) -> tuple[Array, Array]:
-        """What the controller sees of q (nq,) and v (nv,); to be called once a cycle."""
+        """Measure q (nq,) and v (nv,) as the controller sees them; call it once in each cycle."""
 
     def step(self, v: Array) -> None:
         """Go on for one period with the commanded velocity ``v`` (nv,) [rad/s]."""
@@ -41,7 +41,7 @@ class Drive(Protocol):
 
 @runtime_checkable
 class Plant(Protocol):
-    """A kind of joint drives."""
+    """A model of joint drives; start() makes the drive of one run."""
 
     def start(self, arm: Arm, q: Array, period: float, seed: int) -> Drive:
         """The joints of ``arm``, at rest at ``q`` (nq,), commanded every ``period`` [s].
@@ -127,7 +127,7 @@ class ServoDrive:
         self._v_read = np.zeros(arm.nv)
 
     def measure(self) -> tuple[Array, Array]:
-        """What encoders say of q, and what follows from that for v."""
+        """Read the encoders for q, and derive v from two readings."""
         servo, T, before = self._servo, self._period, self._read
         self._read = self._encoded()
         if before is not None:

@@ -120,7 +120,7 @@ def _where_to_report() -> str:
 
 
 def run_file(file: str) -> None:
-    """What a scenario's file does when it is run by itself: rcmqp run, with that file."""
+    """Run a scenario's file as ``rcmqp run`` does; for a file that is run as a program."""
     main(["run", file, *sys.argv[1:]])
 
 

@@ -97,7 +97,7 @@ def compare(
 
     The tables say what each controller was given: feed-forward, joint limits, period, gain. The
     folder gets every run, comparison.csv, comparison.md, comparison.tex and a figure of the errors
-    for each scenario and arm. The numbers, but for times, do not depend on the number of jobs.
+    for each scenario and arm. The numbers, except for times, do not depend on the number of jobs.
 
     Tables are written as the runs end. A comparison that is stopped goes on where it was when the
     same command is given again; runs that are in the folder are kept unless code has changed.

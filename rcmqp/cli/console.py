@@ -1,4 +1,4 @@
-"""What the command line prints: tables, JSON, warnings, progress."""
+"""Print tables, JSON, warnings and progress on the terminal."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ err = PlainConsole(stderr=True, emoji=False)
 
 @contextmanager
 def bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """A progress bar on stderr: call what it gives with a title, cycles done, and in all."""
+    """Show a progress bar on stderr; yield a function of a title, cycles done and their total."""
     from rich.progress import Progress, TimeRemainingColumn  # only here, and slow to import
 
     columns = [*Progress.get_default_columns()[:-1], TimeRemainingColumn()]
@@ -64,7 +64,7 @@ def show_warning(
 
 
 def print_json(data: Any) -> None:
-    """One JSON object; numbers in it that are not finite are null."""
+    """Print one JSON object; numbers in it that are not finite become null."""
     print(json.dumps(_plain(data), indent=2, allow_nan=False))
 
 
@@ -74,17 +74,17 @@ def say(text: str) -> None:
 
 
 def print_written(path: Path, more: str = "") -> None:
-    """Say that a file or folder is written; brackets and colons in its name are its own."""
+    """Print that a file or folder is written; its name is printed as it is."""
     say(one_line(f"wrote {path}{more}"))
 
 
 def print_note(text: str) -> None:
-    """Say something that is no result, on stderr."""
+    """Print a note on stderr."""
     err.print(one_line(f"note: {text}"), markup=False, highlight=False, soft_wrap=True)
 
 
 def print_tables(tables: Iterable[Table]) -> None:
-    """Those of several tables that matter most, each below its title."""
+    """Print the main tables, each below its title."""
     for table in tables:
         if table.main:
             if table.title:

@@ -48,7 +48,7 @@ class Finding:
 
     @property
     def state(self) -> str:
-        """In a word."""
+        """The finding in one word."""
         if not self.remedy:
             return "ok"
         return "missing" if self.needed else "optional"
@@ -75,7 +75,7 @@ def doctor(as_json: AsJson = False) -> None:
 
 
 def examine() -> Iterator[Finding]:
-    """Everything that is looked for."""
+    """Look for everything, one thing after the other."""
     yield Finding("rcmqp", f"{rcmqp.__version__}, {importlib.resources.files('rcmqp')}")
     yield Finding("Python", f"{platform.python_version()}, {sys.executable}")
     yield Finding("system", f"{platform.platform()}, {os.cpu_count()} processors")
@@ -88,7 +88,7 @@ def examine() -> Iterator[Finding]:
 
 
 def _packages() -> Iterator[Finding]:
-    """What rcmqp depends on, and whether it is new enough."""
+    """Look for the packages that rcmqp needs, in versions that are new enough."""
     for requirement in importlib.metadata.requires("rcmqp") or []:
         if ";" in requirement:  # of an extra
             continue

@@ -1,4 +1,4 @@
-"""rcmqp arms, scenarios and controllers: what there is."""
+"""rcmqp arms, scenarios and controllers: list what is available."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def controllers(
 
 
 def _usable(names: Iterable[str], load: Callable[[str], T]) -> dict[str, T]:
-    """What can be loaded, by name; standard error says which plug-ins cannot be."""
+    """Load all names that can be loaded; print on stderr which plug-ins cannot."""
     found = {}
     for name in names:
         try:
@@ -107,7 +107,7 @@ def _first_line(thing: object) -> str:
 
 
 def print_arms(arms: Iterable[Arm]) -> None:
-    """A line an arm."""
+    """Print one line for each arm."""
     rows = [
         (
             arm.name,
@@ -133,7 +133,7 @@ def print_arms(arms: Iterable[Arm]) -> None:
 
 
 def print_arm(arm: Arm) -> None:
-    """A line a joint."""
+    """Print one line for each joint."""
     out.print(
         f"{arm.title}: reach {arm.reach:.3f} m, flange {arm.flange}, licence {arm.licence}",
         soft_wrap=True,
@@ -172,7 +172,7 @@ def print_arm(arm: Arm) -> None:
 
 
 def arm_json(arm: Arm) -> dict[str, Any]:
-    """What rcmqp arms --json prints for one arm."""
+    """The JSON of one arm, for rcmqp arms --json."""
     arrays = ("lower", "upper", "velocity", "acceleration", "jerk", "home")
     return {
         "name": arm.name,
@@ -188,7 +188,7 @@ def arm_json(arm: Arm) -> dict[str, Any]:
 
 
 def _limit(value: float, assumed: bool) -> str:
-    """A limit of speed, acceleration or jerk, for people."""
+    """A limit of speed, acceleration or jerk, as text."""
     return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
 
 

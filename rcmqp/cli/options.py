@@ -1,4 +1,4 @@
-"""What several commands ask for."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 
 
 
 def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
-    """The changes of a scenario that were asked for; None is none.
+    """Collect the changes of a scenario that were given; None means no change.
 
     Args:
         governor: whether there is to be one.
@@ -127,7 +127,7 @@ def port_of(
     cone: float | None,
     tolerance: float | None,
 ) -> dict[str, Any]:
-    """The port that was given, as load_scenario() takes it, out of texts, degrees and mm."""
+    """Make the port of load_scenario() from texts, degrees and mm; empty if none was given."""
     if all(each is None for each in (trocar, axis, depth, cone, tolerance)):
         return {}
     if cone is not None and not 0.0 < cone < 180.0:
@@ -145,7 +145,7 @@ def port_of(
 
 
 def vector(name: str, text: str, most: float) -> Vector3:
-    """Three numbers out of a text; lengths above ``most`` are not taken for m."""
+    """Read three numbers; any above ``most`` is refused, as it is probably in mm."""
     try:
         values = vector3(name, [float(part) for part in text.split(",")])
     except (ValueError, OptionError) as error:
@@ -156,7 +156,7 @@ def vector(name: str, text: str, most: float) -> Vector3:
 
 
 def limits_of(acceleration: str | None, jerk: str | None) -> ArmLimits:
-    """The limits that were given, out of their texts."""
+    """Read the limits that were given."""
     return ArmLimits(acceleration=_limit("acceleration", acceleration), jerk=_limit("jerk", jerk))
 
 

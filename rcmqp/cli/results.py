@@ -1,4 +1,4 @@
-"""What the command line says of a run: its results, and warnings."""
+"""Print the results of a run, and warnings about it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def print_run(result: Recording, as_json: bool, file: Path | None) -> None:
 
 
 def warnings(run: Recording, metrics: Metrics) -> list[str]:
-    """What a run did that a patient or an arm would not allow, each with where and when."""
+    """List what would harm a patient or an arm in a run, each with joint and time."""
     head = run.head
     period, trocar = head.scenario.period, head.scenario.trocar
     below, above = trocar.depth_range
@@ -131,14 +131,14 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
 
 
 def _uncounted(head: Head, limit: str) -> str:
-    """That a law does not know a limit which it broke; nothing if it does, or does not say."""
+    """Words for a limit that the controller broke and does not know; empty otherwise."""
     limits = head.given.limits
     known = limits is None or limit in limits
     return "" if known else f": {head.controller} does not count {limit} limits"
 
 
 def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:
-    """What rcmqp run --json prints."""
+    """The JSON of a run, for rcmqp run --json."""
     head = result.head
     return {
         "scenario": head.scenario.name,
@@ -180,7 +180,7 @@ def _summary(metrics: Metrics, unit: str) -> Sequence[str]:
 
 
 def _governed(result: Recording) -> Sequence[str]:
-    """How far a path under a governor came; nothing of other runs."""
+    """Say how much of the path a run with a governor completed; empty for other runs."""
     if (done := path_done(result)) is None:
         return ()
     rows = result.column("time").shape[0]
@@ -192,7 +192,7 @@ def _governed(result: Recording) -> Sequence[str]:
 
 
 def path_done(result: Recording) -> float | None:
-    """Share of its path's time that a governed run came to; None without a governor."""
+    """Share of the path that a run with a governor completed; None without a governor."""
     scenario = result.head.scenario
     if scenario.governor is None:
         return None
@@ -202,7 +202,7 @@ def path_done(result: Recording) -> float | None:
 
 
 def _path_end(metrics: Metrics) -> list[str]:
-    """That the run goes on after its path has ended, if it does."""
+    """Say that the run goes on after its path has ended; empty if it does not."""
     if metrics.errors_until_s == metrics.duration_s:
         return []
     return [
@@ -212,7 +212,7 @@ def _path_end(metrics: Metrics) -> list[str]:
 
 
 def _after_the_stop(metrics: Metrics) -> list[str]:
-    """How tip and joints come to rest; nothing where the reference does not stop."""
+    """Say how tip and joints come to rest; empty if the reference does not stop."""
     if math.isnan(metrics.reference_end_s):
         return []
     settling = MEASURES["settling_time_s"].text(metrics.settling_time_s, ".3f")
@@ -231,7 +231,7 @@ def _after_the_stop(metrics: Metrics) -> list[str]:
 
 
 def _where(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, str]:
-    """Number of the joint whose excess (n, nv) is largest; its name, and when that is."""
+    """Index of the joint with the largest excess (n, nv), and its name and time as text."""
     worst, joint, where = -math.inf, 0, ""
     for part in run.parts():
         excess = excess_of(part)
@@ -243,7 +243,7 @@ def _where(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, str]
 
 
 def _limited(name: str, metrics: Metrics, more: str) -> str:
-    """A measure beside a limit, and more words; without them where there is no limit."""
+    """A measure as text with more words behind it, or ``no limit``."""
     value = getattr(metrics, name)
     text = MEASURES[name].text(round(value, 3) + 0.0 if math.isfinite(value) else value, ".3f")
     return text + more if math.isfinite(value) else text

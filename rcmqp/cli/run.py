@@ -1,4 +1,4 @@
-"""rcmqp run and show: one run, made or looked at."""
+"""rcmqp run and show: simulate a run, or print the results of one."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def run(
 def _law(
     scenario: str, controller: str | None, settings: Sequence[str]
 ) -> tuple[str, dict[str, Any]]:
-    """Name and options of the controller: the one asked for, or the one of a run's file."""
+    """Name and options of the controller that was asked for, or of the one in a run's file."""
     if controller is not None or not scenario.endswith(RUN_FILE):
         return controller_of(registered(controller or "dual_quaternion"), settings)
     with opened(scenario) as run:
@@ -229,7 +229,7 @@ def show(
 
 
 def _show(file: Path, as_json: bool) -> None:
-    """What is in a run's file."""
+    """Print the results in a run's file."""
     with RunFile(file) as result:
         print_run(result, as_json, file)
 
@@ -237,7 +237,7 @@ def _show(file: Path, as_json: bool) -> None:
 def _draw(
     result: Run, folder: Path, stem: str, endings: Sequence[str], width: float | None, dpi: float
 ) -> list[Path]:
-    """Trajectory and errors of a run; ``width`` of the figures in mm."""
+    """Draw trajectory and errors of a run; ``width`` of the figures is in mm."""
     from rcmqp.show import plots  # matplotlib takes long to import
 
     make_folder(folder)

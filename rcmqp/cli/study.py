@@ -212,7 +212,7 @@ def reproduce_b(
 
 
 def learning_of(practice: float | None) -> Learning | None:
-    """What --practice asks for."""
+    """Make the Learning of --practice; None without it."""
     return None if practice is None else Learning(practice)
 
 

@@ -74,7 +74,7 @@ class Aghakhani(Controller):
         lambda_rest: where to: 0 is where the shaft begins, 1 the tip.
         tolerance: relative cut-off of J^+.
         rcm_first: the RCM's rows first and the tip in their nullspace.
-        reproject: start every step from the projection, so that lambda is no state.
+        reproject: start every step from the projection, so that lambda is not a state.
         feed_forward: know the velocities of the reference and of the trocar.
     """
 

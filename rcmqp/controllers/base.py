@@ -1,4 +1,4 @@
-"""What every controller is, and what became of a step, in lines that a person reads."""
+"""The base class of controllers, and the report of one step in words."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ SAFE_STOP = {"safe_stop": ("1", "1 where the joints brake instead of following")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """What a controller answers.
+    """The command of one cycle.
 
     Attributes:
         v: (nv,) joint velocity [rad/s], finite.
@@ -311,7 +311,7 @@ class Controller(abc.ABC):
 
 
 def _wrong_kind(answer: object) -> str:
-    """What a law's _step() returned, and what it must return."""
+    """Error text for a _step() that returned something other than a Command."""
     got = f"a {type(answer).__name__}"
     if isinstance(answer, Command):
         got = f"a Command whose v is a {type(answer.v).__name__}"

@@ -39,7 +39,7 @@ def braking(
     pivot: Array,
     a: Array | None = None,
 ) -> Iterator[Array]:
-    """Joint velocities (nv,) [rad/s], one a cycle, from ``v`` to rest, the last one zero.
+    """Joint velocities (nv,) [rad/s], one for each cycle, from ``v`` to rest, the last one zero.
 
     Each is that of Brake at the angles to which the joints have gone meanwhile. The shaft goes on
     through the place where it is nearest to the trocar now: the RCM error does not grow, however
@@ -96,9 +96,9 @@ class Brake:
     Once each joint may be at rest in this cycle, and without acceleration in the next, all are.
 
     A motion that leaves the shaft's point where it is does so at s v', too, to first order. So
-    in proportion the joints take no longer than the slowest by itself, but for the accelerations
-    of before and for what the trocar's curvature asks of the joints. How long it takes and how
-    far the shaft goes is measured by benchmarks/safe_stops.py.
+    in proportion the joints take no longer than the slowest one alone, apart from earlier
+    accelerations and from what the trocar's curvature asks of the joints.
+    benchmarks/safe_stops.py measures how long it takes and how far the shaft goes.
 
     Attributes:
         insertion: whose arm.

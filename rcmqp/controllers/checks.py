@@ -1,4 +1,4 @@
-"""What controllers check: their options; the state and the reference of a cycle."""
+"""Checks of a controller's options, and of the state and the reference of a cycle."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _numbers(values: ArrayLike) -> Array:
 
 
 def fault(state: ArmState, reference: Reference) -> str:
-    """What keeps a controller from following, in words; empty if nothing does.
+    """Why a controller cannot follow, in words; empty if nothing does.
 
     A rate that the law does not use counts too: a sender of NaN is not to be relied on.
     """

@@ -65,7 +65,7 @@ class DualQuaternion(Controller):
     Read: the paper, as a transcript, with K, K_c and c_d. Not given there: the sampling period,
     c(theta) and the inverse's cut-off, which are chosen here.
 
-    N is 8 x n and has rank 6 at the most: N^+ keeps at most six singular values, those above
+    N is 8 x n and has rank 6 at most: N^+ keeps at most six singular values, those above
     ``tolerance`` times the largest. Its singular values are half of those of the effector's
     geometric Jacobian.
 
@@ -83,7 +83,7 @@ class DualQuaternion(Controller):
         tolerance: relative cut-off of N^+: a direction whose singular value is below
             ``tolerance`` times the largest is given up. It keeps numbers finite and no more: the
             pose error's share of v stays below K |e| / (tolerance s_1), which no arm can follow
-            near a singularity. A larger one is no remedy: the direction's error grows while it
+            near a singularity. A larger one is not a remedy: the direction's error grows while it
             is given up, and is then answered at once.
         feed_forward: add -vec(x_eff* x_d') to K e, which takes the lag of speed / K away.
         damping: largest lambda in N^+ = V diag(s / (s^2 + lambda^2)) U^T, with lambda^2 =
@@ -134,7 +134,7 @@ class DualQuaternion(Controller):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options; the objective is the arm's own where none was given."""
+        """The options; the default objective is the arm's own."""
         return super().options | {"objective": self._objective_name}
 
     @property

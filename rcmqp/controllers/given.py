@@ -1,4 +1,4 @@
-"""What a controller is given besides its law: what a reader has to know to compare two of them."""
+"""The inputs and limits that a controller uses, which a reader needs to compare two."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WORDS = {True: "yes", False: "no", None: NOT_SAID}
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What a controller knows and obeys; the period and the arm's limits are the scenario's.
+    """Inputs and limits that a controller uses; period and the arm's limits are the scenario's.
 
     Attributes:
         feed_forward: whether the law knows the velocities of the reference and of the trocar;
@@ -75,10 +75,10 @@ class Given:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """The inverse of to_json().
+        """Read what to_json() wrote.
 
         Raises:
-            ValueError: a value is none that to_json() writes.
+            ValueError: a value is not one that to_json() writes.
         """
         data = json.loads(text)
         limits = data.pop("limits")

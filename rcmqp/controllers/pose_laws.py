@@ -34,7 +34,7 @@ class PoseError(Controller):
 
     Not read: the paper of 2010.
 
-    Chosen here: the inverse and every number. J is 8 x n of rank 6 at the most, so J^+ keeps at
+    Chosen here: the inverse and every number. J is 8 x n of rank 6 at most, so J^+ keeps at
     most six singular values, those above ``tolerance`` times the largest, as in the paper's own
     controller.
 
@@ -82,7 +82,7 @@ class Damped(Controller):
 
     With e = vec(1 - x_eff* x_d) and N of equation (3). Nothing is truncated but the two
     singular values that a matrix of rank 6 does not have. Neither is there a nullspace term:
-    with a damped inverse I - N* N is no projector.
+    with a damped inverse I - N* N is not a projector.
 
     Read: Marinho's own early code (dqrobotics/cpp, DampedNumericalFilteredController, 2012 and
     2013), which has this matrix on J and on the difference of the poses, equation (2); an example

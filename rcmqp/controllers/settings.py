@@ -95,7 +95,7 @@ def every_setting(fixed: Sequence[str] = ()) -> list[str]:
     """Settings of all controllers, each with every combination of the SWITCHES that it has.
 
     Args:
-        fixed: NAME=VALUE texts; an option in them is no switch.
+        fixed: NAME=VALUE texts; an option in them is not a switch.
     """
     named = {text.partition("=")[0] for text in fixed}
     found = []

@@ -146,7 +146,7 @@ class Stack:
         return v, summary, solution
 
     def problem(self, state: ArmState, reference: Reference) -> tuple[list[Level], Bounds]:
-        """What step() solves, number for number, as Hierarchy.solve() takes it.
+        """The problem that step() solves, with the same numbers, for Hierarchy.solve().
 
         Raises:
             InvalidProblem: what a task or a limit in Python gives is not usable.
@@ -164,7 +164,7 @@ class Stack:
         return levels, Bounds(lower, upper, C, d, self._all_names(constraints))
 
     def _rows(self, state: ArmState, reference: Reference) -> Evaluated:
-        """What the tasks and the limits that are written in Python give."""
+        """Evaluate the tasks and limits that are written in Python."""
         residuals = [task.residual(state, reference) for task in self._tasks]
         constraints = [limit.constraint(state, reference) for limit in self._given]
         _check_rows(self._tasks, [len(r.error) for r in residuals])
@@ -183,7 +183,7 @@ class Stack:
     def _refusal(
         self, residuals: Sequence[Residual], constraints: Sequence[Constraint]
     ) -> InvalidProblem:
-        """What is wrong with rows that compiled code does not take, in words."""
+        """Say why compiled code does not accept some rows."""
         kind = ""
         try:
             for task, residual in zip(self._tasks, residuals, strict=True):

@@ -37,7 +37,7 @@ class VfiQP(Controller):
     rotation, and D_l,p the squared distance of the trocar from the shaft's line, J_l,p its
     derivative. Within the sphere the RCM is free: its error is whatever the objective leaves.
 
-    D_l,p(k+1) <= (1 - eta_d T) D_l,p(k) + eta_d T d_safe^2, but for second order in T, so with
+    D_l,p(k+1) <= (1 - eta_d T) D_l,p(k) + eta_d T d_safe^2, except for second order in T, so with
     eta_d T <= 1 a shaft inside stays inside and one outside comes back at eta_d. The row is
     divided by 2 d_safe here, into m/s, which changes no solution.
 

@@ -1,4 +1,4 @@
-"""What every limit is, and how limits become the bounds of a hierarchy."""
+"""The base classes of limits, and how limits become the bounds of a hierarchy."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rcmqp.world.insertion import Insertion, filled_in
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Constraint:
-    """What a limit allows: lower <= v <= upper and C v <= d.
+    """The joint velocities that a limit allows: lower <= v <= upper and C v <= d.
 
     The arrays are copied in and read-only.
 
@@ -83,7 +83,7 @@ class Constraint:
         return record(cls, low, up, rows, most, names)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array, Array, tuple[str, ...]]]:
-        """Copies are made by the same door."""
+        """Make copies by __new__(), which checks."""
         return type(self), (self.lower, self.upper, self.C, self.d, self.names)
 
     @classmethod
@@ -124,13 +124,13 @@ class Limit(abc.ABC):
 
     @abc.abstractmethod
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
-        """What is allowed at ``state``."""
+        """The constraint at ``state``."""
 
     def constraint(self, state: ArmState, reference: Reference) -> Constraint:
-        """What evaluate() gives, checked.
+        """Call evaluate() and check what it returns.
 
         Raises:
-            InvalidProblem: it is no Constraint for this arm; with the limit's name.
+            InvalidProblem: it is not a Constraint for this arm; the message names the limit.
         """
         kind, n = type(self).__name__, state.angles.size
         try:
@@ -144,7 +144,7 @@ class Limit(abc.ABC):
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """The options: what is made of them is made anew."""
+        """Return only the options; what is computed from them is computed again."""
         return {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
 
 
@@ -153,7 +153,7 @@ class CompiledLimit(Limit):
     """A limit whose rows are compiled: those of its ``block``."""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Refuse a pace() that the compiled rows would not ask.
+        """Refuse a pace() that the compiled rows would not call.
 
         Raises:
             TypeError: a class has one, without an evaluate() that asks it.
@@ -171,7 +171,7 @@ class CompiledLimit(Limit):
         """The box, or the rows, made once of the options."""
 
     def __post_init__(self) -> None:
-        """Make them now: what was given may be written to later."""
+        """Make the rows now, since arrays among the options may change later."""
         super().__post_init__()
         _ = self.block
 
@@ -181,7 +181,7 @@ class CompiledLimit(Limit):
         return ()
 
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
-        """What is allowed at ``state``."""
+        """The constraint at ``state``."""
         rows = self.block.rows(*cycle(state, reference))
         return record(Constraint, *rows, self.row_names)
 
@@ -191,7 +191,7 @@ class Damper(Limit):
     """A limit s >= 0 on a quantity s(q, t), by the velocity damper ds/dt >= -pace(s).
 
     pace(s) = gain s (Faverjon and Tournassoud 1987): while s is positive it may shrink as
-    exp(-gain t) at the most; where it is negative it must come back at that pace. In cycles of
+    exp(-gain t) at most; where it is negative it must come back at that pace. In cycles of
     T,
 
         s(k+1) >= (1 - gain T) s(k) - rho,   rho <= (T^2 / 2) max |d^2 s / dt^2| in the cycle,
@@ -206,7 +206,7 @@ class Damper(Limit):
     goes over into the root sqrt(2 A s) where gain s would need more than A, see pace(). With
     ``jerk``, ds/dt is moreover no faster than a speed from which s can stop at zero, if its
     deceleration grows by jerk T a cycle, up to A, and falls as slowly; state.v and state.a say
-    how s changes now, but for the bend of the way. If s comes too fast for that, the row asks
+    how s changes now, except for the bend of the way. If s comes too fast for that, the row asks
     for a deceleration that still grows by jerk T a cycle, beyond A if need be. On the way back
     from beyond the limit it asks for A at most. A jerk T of 2 A or more is not counted.
 
@@ -273,7 +273,7 @@ def combine(
         joints: (nv,) names for messages; ``v[0]``, ``v[1]``, ... if not given.
 
     Raises:
-        InvalidProblem: what a limit gives is no Constraint for this arm; with its name.
+        InvalidProblem: a limit returns something else than a Constraint for this arm.
     """
     n = state.angles.size
     lower, upper = np.full(n, -np.inf), np.full(n, np.inf)

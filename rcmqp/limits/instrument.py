@@ -153,7 +153,7 @@ class KeepOut(SphereLimit):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the tip; or of the shaft and a wrist's pieces, by the joint that each begins at."""
+        """Names for the tip, or for the shaft and each piece of a wrist, by its first joint."""
         pieces = self.pieces() if self.part == "shaft" else ()
         return tuple(f"{self.label}, {part} out" for part in (self.part, *pieces))
 
@@ -181,7 +181,7 @@ class KeepIn(SphereLimit):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the tip, of the joints of a wrist, and of the mount."""
+        """Names for the tip, for the joints of a wrist, and for the mount."""
         ends = ("tip", *self.pieces(), "mount") if self.part == "shaft" else ("tip",)
         return tuple(f"{self.label}, {end} in" for end in ends)
 
@@ -206,7 +206,7 @@ class EntrySphere(SphereLimit):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the one row."""
+        """Name of the one row."""
         return (f"{self.label}, shaft through",)
 
 
@@ -244,7 +244,7 @@ class TrocarCone(CompiledLimit, Damper):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the one row."""
+        """Name of the one row."""
         return ("trocar cone",)
 
 
@@ -258,7 +258,7 @@ class TrocarDepth(CompiledLimit, Damper):
         depth' = (q' + nu - [r]x omega - R^T pivot_dot)_z,
         depth' <= pace(deepest - depth),   -depth' <= pace(depth - shallowest).
 
-    q' is zero but for a wrist: then q is the tool's point where it is, and a wrist that bends
+    q' is zero except for a wrist: then q is the tool's point where it is, and a wrist that bends
     brings it out.
 
     Attributes:
@@ -288,5 +288,5 @@ class TrocarDepth(CompiledLimit, Damper):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the two rows."""
+        """Names of the two rows."""
         return ("trocar depth, deepest", "trocar depth, shallowest")

@@ -64,7 +64,7 @@ def check(made: object) -> None:
 
 
 def allowed(name: str, value: Any, metadata: Metadata) -> Any:
-    """An argument of a function or a plain class, as the rule of a field would keep it.
+    """Check an argument of a function or a plain class by a field's rule; return what to keep.
 
     Raises:
         OptionError, UnknownName: it is not allowed.
@@ -73,7 +73,7 @@ def allowed(name: str, value: Any, metadata: Metadata) -> Any:
 
 
 def declared(cls: type, key: str) -> dict[str, Any]:
-    """What the metadata of a dataclass's fields have under ``key``, by name of the field.
+    """Entries under ``key`` in the metadata of a dataclass's fields, by field name.
 
     A derived class that gives a field another default keeps what was declared of it.
     """
@@ -86,7 +86,7 @@ def declared(cls: type, key: str) -> dict[str, Any]:
 
 
 def refused(name: str, value: object, allowed: str, unit: str = "") -> OptionError:
-    """The error of an option, in the one wording that all of them have."""
+    """Make the error of an option, in one wording for all options."""
     text = f"{value!s:.50}" if isinstance(value, Real) else f"{value!r:.50}"
     return OptionError(f"{name} = {text}{unit and ' ' + unit}, it must be {allowed}")
 

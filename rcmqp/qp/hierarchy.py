@@ -58,7 +58,7 @@ class Hierarchy:
     bounds, three proximal steps from the v without bounds towards its A v there; where the joints
     are ``sluggish`` and bounds keep a part of that from it, with more damping, the more, the
     larger the part. With strict levels above damped ones and one below, v is continuous in the
-    levels and the bounds, but for where guarded levels are not reached; see kernel/cascade.h for
+    levels and the bounds, except where guarded levels are not reached; see kernel/cascade.h for
     the formulas and constants.
 
     A strict level below damped ones asks for less, b / (1 + m / 0.003), where these are not
@@ -163,11 +163,11 @@ class Hierarchy:
 
     @property
     def asks(self) -> Callable[..., Array] | None:
-        """What compiled code calls for a blocked level, if anything."""
+        """The function that compiled code calls for a blocked level; None without a backend."""
         return self._propose if self._solvers else None
 
     def verdicts(self) -> Mapping[int, Status]:
-        """What the backend answered since the last call, by level; 1 is the first."""
+        """Status of the backend's answers since the last call, by level from 1 on."""
         if not self._verdicts:
             return NOT_ASKED
         verdicts, self._verdicts = self._verdicts, {}

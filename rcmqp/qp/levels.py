@@ -1,4 +1,4 @@
-"""What a hierarchy is asked and what it answers."""
+"""The input of a hierarchy, levels and bounds, and its solution."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Level:
         return record(cls, matrix, vector, name, float(damping))
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, str, float]]:
-        """Copies are made by the same door."""
+        """Make copies by __new__(), which checks."""
         return type(self), (self.A, self.b, self.name, self.damping)
 
 
@@ -100,7 +100,7 @@ class Bounds:
         return record(cls, lower, upper, rows, most, names)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array, Array, tuple[str, ...]]]:
-        """Copies are made by the same door."""
+        """Make copies by __new__(), which checks."""
         return type(self), (self.lower, self.upper, self.C, self.d, self.names)
 
 
@@ -126,7 +126,7 @@ class Route(enum.Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelResult:
-    """What became of one level.
+    """The result of one level.
 
     Attributes:
         name: the level's.
@@ -175,7 +175,7 @@ class HierarchySolution:
 
     @property
     def summary(self) -> tuple[float, ...]:
-        """What a run records of a step.
+        """The numbers of a step that a run records.
 
         |A v - b| of each level but the rest; whether all is exact; joints at a bound; largest
         excess of a hard row; largest KKT residual of a level.
@@ -247,7 +247,7 @@ class HierarchySolution:
         return lower | {self.names[i]: "upper" for i in np.flatnonzero(self.at_upper).tolist()}
 
     def blocking(self, level: LevelResult) -> dict[str, float]:
-        """What keeps a level from its goal, heaviest first: names and multipliers."""
+        """Names and multipliers of the bounds that block a level, largest multiplier first."""
         order = np.argsort(-np.abs(level.multipliers), kind="stable")
         weights = ((self.names[i], float(level.multipliers[i])) for i in order)
         return {name: weight for name, weight in weights if weight}

@@ -14,7 +14,7 @@ from rcmqp.maths.dualquaternion import Array
 
 
 class Status(enum.Enum):
-    """What a backend says of a QP; kkt_residuals() tells whether to believe it."""
+    """A backend's own verdict on a QP; check it with kkt_residuals()."""
 
     SOLVED = "solved"
     INFEASIBLE = "infeasible"
@@ -114,7 +114,7 @@ class QP:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QPSolution:
-    """What a backend answered.
+    """A backend's answer to a QP.
 
     The multipliers make H v + g + A^T y + C^T z + z_box = 0 at an optimum.
 

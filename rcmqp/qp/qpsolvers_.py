@@ -77,7 +77,7 @@ class ThroughQpsolvers:
         )
 
     def _unconstrained(self, qp: QP, start: float) -> QPSolution:
-        """Solves H v = -g here, as qpsolvers calls some of these unbounded that are not."""
+        """Solve H v = -g here: qpsolvers calls some bounded problems of this kind unbounded."""
         v = np.asarray(np.linalg.lstsq(qp.H, -qp.g)[0], dtype=np.float64)
         elapsed, none = time.perf_counter() - start, np.zeros(0)
         if np.abs(qp.H @ v + qp.g).max(initial=0.0) > 1e-9 * max(1.0, np.abs(qp.g).max(initial=0)):

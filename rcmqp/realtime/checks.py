@@ -1,4 +1,4 @@
-"""What a real-time loop is given, looked at before an arm moves by it."""
+"""Checks of readings, references and commands before an arm moves by them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ABRUPT = "take hierarchical_qp, which keeps the joints' limits, or give a smooth
 
 
 class Robot(Protocol):
-    """What drives the joints; each call must return well within a period."""
+    """The robot that a loop reads and commands; each call must return well within a period."""
 
     def read(self) -> tuple[ArrayLike, ArrayLike]:
         """Configuration q (nq,) and joint velocity v (nv,) [rad/s] as measured now."""
@@ -107,7 +107,7 @@ def check_stamp(newest: object, now: float, oldest: float, ahead: float) -> Stam
         ahead: how far in the future it may be stamped [s].
 
     Raises:
-        InvalidCommand: it is no Stamped.
+        InvalidCommand: it is not a Stamped.
         LoopFault: it is older, or stamped further ahead.
     """
     if not isinstance(newest, Stamped):
@@ -128,7 +128,7 @@ def check_stamp(newest: object, now: float, oldest: float, ahead: float) -> Stam
 
 
 class CommandCheck:
-    """Looks at each command before it is sent: can the joints do it, and everything after it?
+    """Checks before a command is sent that the joints can follow it, and can still stop then.
 
     A command may be what lies in the hard box of Brake at the last reading, from the last command
     and its last change: the joint's limits of speed, acceleration and jerk, and a stop that ends
@@ -176,7 +176,7 @@ class CommandCheck:
         return command
 
     def _words(self, k: int, v: float, angle: float, before: float, a: float) -> str:
-        """What joint k cannot do."""
+        """Say why joint k cannot follow a command."""
         arm, T, unit = self.arm, self._brake.period, self.arm.joint_units[k]
         change, room = (v - before) / T, arm.velocity[k] - abs(before)
         jerk, who = (change - a) / T, f"{arm.joints[k]} was to"

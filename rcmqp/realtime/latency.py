@@ -63,7 +63,7 @@ class LatencyCounter:
             self._worst, self._worst_at = delay, at
 
     def latency(self) -> Latency:
-        """What was counted so far."""
+        """The delays counted so far."""
         return Latency(tuple(self._counts), self._worst, self._worst_at)
 
 
@@ -91,7 +91,7 @@ class Deadlines:
         clock: Callable[[], float],
         sleep: Callable[[float], None],
     ) -> None:
-        """Sleep but for the last ``spin`` [s] of each wait, which is spun."""
+        """Spin, instead of sleeping, in the last ``spin`` [s] of each wait."""
         self.period = period
         self.wake, self.answer = LatencyCounter(), LatencyCounter()
         self.cycles = self.missed = self.skipped = 0

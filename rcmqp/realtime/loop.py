@@ -144,7 +144,7 @@ class RealtimeLoop:
         self.finish_record()
 
     def warm_up(self) -> None:
-        """Let everything run once that the loop and its stop will, but for sending."""
+        """Call once all that the loop and its stop will call, except send()."""
         self._notes.start()
         try:
             self._warm_up()
@@ -195,7 +195,7 @@ class RealtimeLoop:
         self._recorded += self._notes.close("" if self._stop is None else self._stop.fault)
 
     def report(self) -> LoopReport:
-        """What happened so far; ``stop`` is how the loop ended, once it has."""
+        """The report so far; ``stop`` says how the loop ended, if it has."""
         timing, watchdog = self.timing, self.watchdog
         stop = self._stop or Stop(timing.now(), "")
         return LoopReport(
@@ -241,7 +241,7 @@ class RealtimeLoop:
         return not self.ended
 
     def _begin(self) -> None:
-        """What the first cycle begins with."""
+        """Prepare the first cycle."""
         self._thread, self._waited_before = threading.get_ident(), time_waited()
         self.read_at = -self.timing.period  # the reading of the warm-up
         self._beat()
@@ -285,14 +285,14 @@ class RealtimeLoop:
         return self._hung() is not None and self.watchdog is not None and self.watchdog.settled()
 
     def _where(self) -> str:
-        """What the loop is in, for the watch-dog's words."""
+        """Say which call the loop is in, for the watch-dog's message."""
         name = self.signals.where()
         if name == "_command":
             return "the reference or the controller hangs"
         return f"{name}() hangs" if name else "the loop does not run"
 
     def _leave(self) -> None:
-        """Get the main thread out of what hangs."""
+        """Get the main thread out of a call that hangs."""
         hung = self._hung()
         if hung is not None and self._thread == threading.main_thread().ident:
             self.signals.leave(hung)
@@ -321,7 +321,7 @@ class RealtimeLoop:
             )
 
     def _command(self, now: float, q: Array) -> Array:
-        """What the controller answers to a reading of q (nq,), not older than ``now`` [s]."""
+        """Ask the controller for the command at q (nq,), read at ``now`` [s] or later."""
         period = self.timing.period
         newest = check_stamp(self.references(now), now, self.reference_age, ahead=period)
         state = self.controller.insertion.state(q, self.v, self.a)
@@ -367,7 +367,7 @@ class RealtimeLoop:
             self._end()
 
     def _note_hung(self) -> None:
-        """A stop that the watch-dog ended says so."""
+        """Note in the report that the watch-dog ended the stop."""
         stop, hung = self._stop, self._hung()
         if stop is not None and hung is not None and stop.error is not hung:
             reasons = (stop.fault, _reason(hung, 0))
@@ -375,7 +375,7 @@ class RealtimeLoop:
             self._stop = dataclasses.replace(stop, fault=fault, error=hung)
 
     def _keeps_in_touch(self) -> bool:
-        """Read, whatever comes of it; whether that was quick."""
+        """Read and ignore any error; return whether that was quick enough."""
         with contextlib.suppress(BaseException):
             began = self.timing.now()
             with contextlib.suppress(BaseException):

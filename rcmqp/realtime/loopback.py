@@ -169,7 +169,7 @@ class LoopbackReport:
 
     @property
     def unaccounted(self) -> int:
-        """Commands sent of which the arm's account knows nothing; 0, or something is wrong."""
+        """Commands sent that are not in the arm's account; if not 0, something is wrong."""
         arm = self.arm
         known = (
             arm.used + arm.superseded + arm.refused + arm.disordered + arm.after_halt + arm.lost
@@ -177,7 +177,7 @@ class LoopbackReport:
         return self.sent - known - (self.sent - arm.highest)
 
     def rows(self) -> list[tuple[str, str]]:
-        """What was counted on both sides, and how much of it."""
+        """Names and counts of both sides."""
         arm, readings = self.arm, self.readings
         return [
             ("commands sent", str(self.sent)),

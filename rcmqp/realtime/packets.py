@@ -42,7 +42,7 @@ class Rejected(RcmqpError):
 
 
 class Kind(enum.IntEnum):
-    """What a controller asks of the box."""
+    """Kinds of requests from a controller to the box."""
 
     HELLO = 0
     MOVE = 1
@@ -99,7 +99,7 @@ class Packets:
         return self._tagged_order(Kind.MOVE, number, answers, v)
 
     def hello(self) -> bytes:
-        """What a controller says first."""
+        """Make the first packet of a controller."""
         return self._tagged_order(Kind.HELLO, 0, 0, self._zero)
 
     def halt(self) -> bytes:
@@ -117,7 +117,7 @@ class Packets:
         return self._state.unpack_from(body)[0], values[: self._nq], values[self._nq :]
 
     def read_order(self, packet: bytes) -> Order:
-        """What the controller asks.
+        """Unpack a controller's request.
 
         Raises:
             Rejected: it is not an order that was made with the key.

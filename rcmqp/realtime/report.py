@@ -1,4 +1,4 @@
-"""What a real-time loop leaves: its cycles, for who keeps them, and its report."""
+"""The results of a real-time loop: its cycles for a recorder, and its report."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class CycleRecorder(Protocol):
 
 
 class Asked(NamedTuple):
-    """What a cycle asked for, and the controller's answer.
+    """The reference of a cycle, and the controller's answer.
 
     Attributes:
         newest: the reference.
@@ -87,21 +87,21 @@ class Notes:
     """
 
     def __init__(self, record: CycleRecorder | None, arm: Arm) -> None:
-        """Give it to ``record``, or to nobody."""
+        """Give the cycles to ``record``, if there is one."""
         self.asked: Asked | None = None
         self.reading: tuple[Array, Array] | None = None
         self._record = record
         self._nothing = np.full(arm.nq, nan), np.full(arm.nv, nan)
 
     def start(self) -> None:
-        """Nothing has been asked; the record may raise."""
+        """Start the recorder, which may raise."""
         if self._record is not None:
             self._record.start()
 
     def sent(
         self, due: float, began: float, sent: float, reading: tuple[Array, Array], v: Array
     ) -> None:
-        """The loop sent ``v`` (nv,); times in [s]."""
+        """Record that the loop sent ``v`` (nv,); times in [s]."""
         if self._record is not None and self.asked is not None:
             newest, pivot, answer, solve_time = self.asked
             asked = newest.reference.x_d, pivot, newest.at
@@ -110,7 +110,7 @@ class Notes:
             )
 
     def braked(self, due: float, timing: Deadlines, v: Array, fault: str) -> None:
-        """The safe stop sent ``v`` (nv,)."""
+        """Record that the safe stop sent ``v`` (nv,)."""
         if self._record is not None and self.asked is not None:
             newest, pivot = self.asked[:2]
             asked, reading = (newest.reference.x_d, pivot, newest.at), self.reading
@@ -128,7 +128,7 @@ class Notes:
             )
 
     def close(self, fault: str) -> str:
-        """What the record kept, in words; empty without one."""
+        """Close the recorder; return in words what it kept, empty without a recorder."""
         record, self._record = self._record, None
         return "" if record is None else record.close(fault)
 
@@ -144,7 +144,7 @@ class Stop:
     Attributes:
         at: when, from the start [s].
         fault: why; empty where the duration was over.
-        error: what was raised, for who wants its traceback; None where nothing was.
+        error: the exception, with its traceback; None if nothing was raised.
         signal: number of the signal that came during the loop or its stop; 0 for none.
     """
 
@@ -156,7 +156,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class LoopReport:
-    """What run_realtime() did.
+    """The report of run_realtime().
 
     Attributes:
         controller: its name.
@@ -192,7 +192,7 @@ class LoopReport:
     recorded: str = ""
 
     def rows(self) -> list[tuple[str, str]]:
-        """What was counted, and how much of it."""
+        """Names and counts, one row each."""
         due = self.cycles + self.skipped
         return [
             ("controller", self.controller),
@@ -234,7 +234,7 @@ class LoopReport:
         return [*found, (f"above {_time(BOUNDS[-1])}", rest[0], rest[1])]
 
     def tables(self) -> list[Table]:
-        """What was counted, and the histogram."""
+        """The table of counts, and the histogram."""
         return [
             Table(("real-time loop", ""), self.rows()),
             Table(("delay", "began", "answered"), self.histogram()),

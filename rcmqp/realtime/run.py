@@ -63,9 +63,9 @@ def run_realtime(
 
     In the main thread a signal is noted, and the loop looks for it once a cycle; during the stop
     it changes nothing. Where read(), send(), the reference or the controller hangs for longer
-    than ``lateness``, it is left by a KeyboardInterrupt. The report, which is returned all the
-    same, tells of it: to end the program is for the caller. SIGQUIT (Ctrl-backslash) is left
-    alone: it ends the program where it is, and no stop is sent.
+    than ``lateness``, it is left by a KeyboardInterrupt. The report is returned all the same and
+    says so; the caller decides whether to end the program. SIGQUIT (Ctrl-backslash) is left alone:
+    it ends the program where it is, and no stop is sent.
 
     If the robot has a method halt(), a watch-dog in a thread of its own calls it where no cycle
     has ended for ``hung``: a read() or a send() that hangs does not leave the arm at its last

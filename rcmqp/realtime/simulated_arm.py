@@ -42,7 +42,7 @@ AT_ONCE = 64
 
 
 def insertion_of(arm: str) -> Insertion:
-    """What both processes take for granted: the arm at home, its shaft 10 cm in the trocar.
+    """The insertion of both processes: the arm at home, its shaft 10 cm in the trocar.
 
     It is a simulation: limits that are only assumed of the real arm are this one's.
     """
@@ -181,7 +181,7 @@ class Box:
 
 
 class Door:
-    """What comes from the sockets, looked at before the box gets it."""
+    """Checks what comes from the sockets before the box gets it."""
 
     def __init__(self, packets: Packets, box: Box) -> None:
         self._packets, self._box = packets, box

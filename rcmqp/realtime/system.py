@@ -1,4 +1,4 @@
-"""What the loop asks of the system: real-time priority, and signals kept until the end."""
+"""Real-time priority, and signals that are kept until the arm is at rest."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def real_time_priority() -> Iterator[None]:
 
 
 def time_waited(path: str = "/proc/thread-self/schedstat") -> float:
-    """How long this thread could have run so far and waited for a processor [s].
+    """Time in which this thread was ready to run and waited for a processor [s].
 
     Linux counts it; NaN where the system does not.
     """
@@ -68,7 +68,7 @@ R = TypeVar("R")
 
 
 class KeptSignals:
-    """What Ctrl-C, SIGTERM and SIGHUP do while an arm moves: they are noted, and end nothing.
+    """Notes Ctrl-C, SIGTERM and SIGHUP while an arm moves; they do not end the program.
 
     A handler that raises does so on any line, between a command and the note of it, or in the
     midst of the stop. This one raises out of a call() that hangs, and nowhere else.
@@ -107,7 +107,7 @@ class KeptSignals:
                 signal.signal(number, handler)
 
     def call(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """What the function returns.
+        """Call the function and return its result.
 
         Raises:
             KeyboardInterrupt: it hung, and a signal came.

@@ -22,7 +22,7 @@ class Watchdog:
     it, as every blocking call should.
 
     Attributes:
-        hung: set once no cycle has ended in time; what the loop sends afterwards is in vain.
+        hung: set once no cycle has ended in time; the robot ignores later commands.
         halted: a call of halt() returned.
         failure: what the last halt() raised, in words.
     """

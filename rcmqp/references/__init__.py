@@ -1,1 +1,1 @@
-"""What is asked: views, paths, a hand at a device, and people who watch the camera."""
+"""References for the camera: views, paths, a hand at a device, and simulated operators."""

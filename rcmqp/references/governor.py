@@ -140,7 +140,7 @@ class Governed:
     def reference(
         self, t: float, offset: ArrayLike = STILL, pivot_dot: ArrayLike = STILL
     ) -> Reference:
-        """What to tell the controller at ``t`` [s].
+        """The controller's reference at ``t`` [s].
 
         The view's rates are those of the path times the rate of its clock. The trocar's motion is
         the patient's, and goes on in real time.

@@ -20,7 +20,7 @@ from rcmqp.world.instrument import Camera, Vector3
 
 @dataclass(frozen=True, slots=True)
 class DeviceState:
-    """The handle, now.
+    """The state of the handle now.
 
     Its axes are those of the camera's image as the hand feels them: x to the right, y down,
     z into the patient.

@@ -55,7 +55,7 @@ class Part(NamedTuple):
 
 
 class Planner:
-    """Feeds a far reference to the controller in N + 1 equal parts, one a cycle.
+    """Feeds a far reference to the controller in N + 1 equal parts, one for each cycle.
 
     A reference near the last one passes through. A far one is approached in equal parts from
     the last reference, so that no tracking error runs back into the reference; or, as the paper

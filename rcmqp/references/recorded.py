@@ -42,7 +42,7 @@ LONG, SLOW = 60.0, 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What a recording says.
+    """A recorded motion: times, positions and, if given, orientations.
 
     Attributes:
         times: (n,) [s], from 0 on.

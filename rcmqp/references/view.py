@@ -1,4 +1,4 @@
-"""What the surgeon asks of the camera, and the effector pose that shows it: equation (5)."""
+"""The view that the surgeon asks for, and the effector pose that shows it: equation (5)."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ Cycle: TypeAlias = tuple[
 
 
 def cycle(state: ArmState, reference: Reference) -> Cycle:
-    """What compiled code is given of a state and a reference."""
+    """The numbers of a state and a reference, for compiled code."""
     return (
         state.x,
         state.J_local,

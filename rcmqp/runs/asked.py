@@ -1,4 +1,4 @@
-"""The references that a scenario gives its controller, one sampling instant after the other."""
+"""The references that a scenario gives its controller, one for each sampling instant."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def references(
 def _planned(
     scenario: Scenario, planner: Planner | None, reference: Reference, state: ArmState | None
 ) -> Reference:
-    """The reference as the path planner has it, if there is one."""
+    """The reference after the path planner, if there is one."""
     if planner is None:
         return reference
     if state is None or scenario.planner_from == "reference":
@@ -99,7 +99,7 @@ def _drawn(scenario: Scenario, path: Path, insertion: Insertion) -> Iterator[Ref
 
 
 def _trocar(scenario: Scenario, cycles: range) -> tuple[Array, Array]:
-    """The trocar's offsets (n, 3) [m], and what is told of its velocity (n, 3) [m/s]."""
+    """The trocar's motion (n, 3) [m], and its velocity as the controller is told (n, 3) [m/s]."""
     ways = offsets(scenario, cycles)
     if scenario.pivot_velocity == "unknown" or isinstance(scenario.motion, Still):
         return ways, np.zeros_like(ways)
@@ -110,7 +110,7 @@ def _trocar(scenario: Scenario, cycles: range) -> tuple[Array, Array]:
 
 
 def offsets(scenario: Scenario, cycles: range) -> Array:
-    """Where the trocar is (n, 3) from where it was at first [m]."""
+    """The trocar's motion (n, 3) from where it was at the start [m]."""
     if isinstance(scenario.motion, Still):
         return np.zeros((len(cycles), 3))
     return np.array([scenario.motion.position(k * scenario.period) for k in cycles])

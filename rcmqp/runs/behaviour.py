@@ -1,4 +1,4 @@
-"""What a controller does over time: joints that turn round, smoothness, how it comes to rest."""
+"""Measures of behaviour over time: reversals of joints, smoothness, and how it comes to rest."""
 
 from __future__ import annotations
 

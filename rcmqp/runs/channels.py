@@ -17,7 +17,7 @@ Source = Literal["arm", "cycle", "clock", "derived"]
 
 
 class Channel(NamedTuple):
-    """What an array of a run is.
+    """The description of an array of a run.
 
     Attributes:
         unit: of its numbers.

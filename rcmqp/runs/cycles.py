@@ -1,4 +1,4 @@
-"""What cycles leave, one by one, put together to parts of a run, with what follows from it."""
+"""Cycles collected into parts of a run, with the channels that are computed from them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OBSERVED = ("tip_error", "effector_error", "orientation_error", "rcm_error", "d
 
 
 class Derived:
-    """Channels of a run out of the rows that its cycles leave, block after block.
+    """Computes channels of a run from the rows of its cycles, block after block.
 
     The blocks' sizes do not matter, to the bit. The tip of an instrument with a wrist is its tool,
     its depth is that of the tool along the shaft, and its orientation error is that from the
@@ -41,7 +41,7 @@ class Derived:
         self._x: Array | None = None
 
     def of(self, rows: Mapping[str, Array]) -> dict[str, Array]:
-        """What the next rows say.
+        """Compute the channels of the next rows.
 
         Args:
             rows: x, x_d (n, 8) as dual quaternions of either sign, J (n, 6, nv), the effector's
@@ -102,7 +102,7 @@ ROW = (*(name for name, channel in CHANNELS.items() if channel.source == "cycle"
 
 
 class Described(Named, Protocol):
-    """What a run's file says of a controller: a Controller, or what is known of one elsewhere."""
+    """A controller as a run's file describes it: a Controller, or its data in another process."""
 
     @property
     def given(self) -> Given: ...  # noqa: D102
@@ -115,7 +115,7 @@ class Described(Named, Protocol):
 
 
 class Cycles:
-    """Takes what each cycle leaves, and gives the Run that the cycles since the last one make.
+    """Collects cycles, and makes a Run of those since the last one.
 
     The parts' sizes do not matter, to the bit.
 
@@ -235,7 +235,7 @@ class Cycles:
         return made
 
     def follow(self, part: Run) -> None:
-        """Go on after a part that was made elsewhere; none is left to be made here."""
+        """Go on after a part that was made elsewhere."""
         self._derived.follow(part.x)
 
     def _forget(self) -> None:

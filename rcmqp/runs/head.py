@@ -1,4 +1,4 @@
-"""What a run's file says once, format, scenario, controller, versions; its digest."""
+"""The head of a run's file: format, scenario, controller, versions; and the digest."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ OTHER = "give another name or folder, or remove it first"
 
 
 class Named(Protocol):
-    """What tells a controller from another: a Controller, say."""
+    """Name and options, which distinguish controllers; a Controller has them."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -64,7 +64,7 @@ class Column(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What does not change from cycle to cycle; see Run for the meanings."""
+    """The part of a run that does not change from cycle to cycle; see Run for the meanings."""
 
     scenario: Scenario
     controller: str
@@ -128,7 +128,7 @@ class Head:
 
     @classmethod
     def read(cls, file: h5py.File) -> Head:
-        """Take it out of a file, every part checked.
+        """Read it from a file and check every part.
 
         Raises:
             RunFileError: a part is missing or is not what it has to be.
@@ -174,7 +174,7 @@ class Head:
         return head
 
     def _check(self, path: Path) -> None:
-        """Check that names are names and that cycles are the scenario's."""
+        """Check that names are texts and that cycles are the scenario's."""
         parts = {
             "controller": [self.controller],
             "versions": [*self.versions, *self.versions.values()],
@@ -208,7 +208,7 @@ class Head:
                 raise RunFileError(path, f"damaged: stops: cycles of {reason[:50]!r}")
 
     def write(self, file: h5py.File, digest: str) -> None:
-        """Put it into a file."""
+        """Write it into a file."""
         file.create_dataset("stops", data=json.dumps(self.stops))
         file.attrs["format"] = FORMAT
         file.attrs["format_version"] = FORMAT_VERSION
@@ -236,7 +236,7 @@ def _equal(a: Column, b: Column, block: int) -> bool:
 
 @contextlib.contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """A run's file, open for reading; what goes wrong inside is said of the file.
+    """Open a run's file for reading; any error in the block becomes one of the file.
 
     Raises:
         RunFileError: the file is missing, damaged, of another format or a later version.
@@ -270,10 +270,10 @@ def opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
 
 
 def check_replaceable(path: str | os.PathLike[str]) -> None:
-    """Find out before a run, not after it, whether its file can be written.
+    """Check before a run that its file can be written.
 
     Raises:
-        RunFileError: it cannot; or there is a file that is none of a run's.
+        RunFileError: it cannot, or the file that is there is not a run.
     """
     check_writable(path)
     path = Path(path)
@@ -290,7 +290,7 @@ def check_own(
     scenario: Scenario | None = None,
     controller: Named | None = None,
 ) -> None:
-    """Find out before a run whether its file may be written: a command keeps the runs of others.
+    """Check before a run that its file may be written: another run is not overwritten.
 
     What the same command made before, or a damaged file, may be replaced.
 
@@ -319,7 +319,7 @@ def check_own(
 
 
 def check_digest(file: h5py.File, digest: str) -> None:
-    """Check what was read.
+    """Check the digest of what was read.
 
     Raises:
         RunFileError: the file says another digest.

@@ -71,7 +71,7 @@ def load_scenario(
 
     Raises:
         UnknownName: there is no such scenario or field.
-        OptionError: the file is no scenario, or a value is not allowed.
+        OptionError: the file is not a scenario, or a value is not allowed.
         RcmqpError: the arm cannot be loaded.
     """
     if name.endswith((".json", RUN_FILE)):
@@ -158,7 +158,7 @@ def _checked(name: str, module: ModuleType) -> ModuleType:
 
 
 def own_arm(name: str) -> str:
-    """The arm of a scenario where none is asked for.
+    """The arm of a scenario if none is given.
 
     Raises:
         RcmqpError: there is no such scenario.
@@ -169,7 +169,7 @@ def own_arm(name: str) -> str:
 
 
 def _default_arm(module: ModuleType) -> str:
-    """What a scenario's function takes for its first argument, where it says so."""
+    """The default of the first argument of a scenario's function, or DEFAULT_ARM."""
     default = next(iter(inspect.signature(module.scenario).parameters.values())).default
     return DEFAULT_ARM if default is inspect.Parameter.empty else str(default)
 

@@ -1,4 +1,4 @@
-"""What a real-time loop read, asked and sent, handed to another process that writes the file."""
+"""Recording of a real-time loop: its cycles go to another process, which writes the file."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class RowFormat:
         return b"".join([head, *[array.tobytes() for array in row[3:8]], text])
 
     def read(self, stream: IO[bytes]) -> LoopRow | None:
-        """The next row; None where the stream has ended, be it in the midst of one."""
+        """The next row; None at the end of the stream, or if the last row is cut off."""
         size = self._head.size + 8 * sum(self.sizes)
         if len(data := stream.read(size)) < size:
             return None
@@ -122,7 +122,7 @@ class LoopRecorder:
     and marks the last row. If that process is killed too, its part file is left, as by simulate().
 
     Attributes:
-        whole: whether the file has every cycle; False until close() has said what became of it.
+        whole: whether the file has every cycle; False until close() has returned.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class LoopRecorder:
         *,
         follows: ViewPath | None = None,
     ) -> None:
-        """Find out whether the file can be written; nothing is, yet.
+        """Check that the file can be written; nothing is written yet.
 
         Args:
             path: of the file; a run's file that is there is replaced at the end.
@@ -244,7 +244,7 @@ class LoopRecorder:
             self._fault = f"a run has {MOST_CYCLES} cycles at most"
 
     def close(self, fault: str) -> str:
-        """Wait until the file is whole; what became of it, in words.
+        """Wait until the file is complete; say in words what it holds.
 
         Args:
             fault: why the loop ended before its time; empty where it did not.
@@ -308,7 +308,7 @@ class LoopRecorder:
         return found or {"error": "the process that writes the file was killed"}
 
     def _end(self) -> None:
-        """Let the other process go."""
+        """Wait for the other process to end."""
         assert self._process is not None
         with self._process:
             pass

@@ -33,7 +33,7 @@ KILLED = "the process of the real-time loop was killed; the run ends here"
 
 
 class Known(NamedTuple):
-    """What the loop's process says of its controller."""
+    """The controller as the loop's process describes it."""
 
     name: str
     options: Mapping[str, Any]
@@ -43,7 +43,7 @@ class Known(NamedTuple):
 
 
 def write(stream: IO[bytes]) -> int:
-    """Write the file of the rows that come; how many they were.
+    """Write the file of the rows on the stream; return how many there were.
 
     Raises:
         RcmqpError: the file cannot be written, or the arm cannot be loaded here.
@@ -76,7 +76,7 @@ class Keeper:
         self._count, self._time, self._followed = 0, -1.0, 0.0
 
     def keep(self, stream: IO[bytes], rows: RowFormat) -> int:
-        """Append all that come, the last one marked if the loop did not come to rest by itself."""
+        """Append all rows; mark the last one if the loop did not come to rest by itself."""
         waiting, reason = None, KILLED
         while (row := rows.read(stream)) is not None:
             if isnan(row.time):
@@ -117,7 +117,7 @@ class Keeper:
         self._count += 1
 
     def _say_how_long(self) -> None:
-        """Put into the scenario how long the loop followed its references, and ran in all."""
+        """Set in the scenario how long the loop followed its references, and how long it ran."""
         scenario = self._recorder.scenario
         duration, path = max(self._time, scenario.period * max(1, self._count - 1)), scenario.path
         if isinstance(path, Foreign):
@@ -126,7 +126,7 @@ class Keeper:
 
 
 def say(**words: Any) -> None:
-    """Tell the loop's process something."""
+    """Send a line of JSON to the loop's process."""
     with contextlib.suppress(OSError):  # it may be gone
         print(json.dumps(words), flush=True)
 

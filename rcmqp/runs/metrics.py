@@ -23,7 +23,7 @@ from rcmqp.world.obstacles import clearance
 
 
 class Extent:
-    """How far numbers go.
+    """Streaming count, minimum, maximum and sum of squares.
 
     Attributes:
         count: how many there were.
@@ -44,7 +44,7 @@ class Extent:
 
     @property
     def mean_square(self) -> float:
-        """Of all of them; NaN without any."""
+        """Mean square of all numbers; NaN without any."""
         return self.squares / self.count if self.count else math.nan
 
     @property
@@ -54,7 +54,7 @@ class Extent:
 
 
 class JerkRatio:
-    """Takes the parts of a run one after the other; their sizes do not matter, to the bit."""
+    """Computes the jerk ratio of a run's parts; sizes of parts do not change a bit of it."""
 
     def __init__(self) -> None:
         self._last: Array | None = None
@@ -230,7 +230,7 @@ def compute_metrics(run: Recording) -> Metrics:
 
 
 def _measures(part: Run, before: Run | None) -> dict[str, Array]:
-    """What is summed up of a part of a run; the part before it is None at the start, at rest."""
+    """Quantities that are summed up over a part of a run; ``before`` is None at the start."""
     v = np.zeros_like(part.v[:1]) if before is None else before.v[-1:]
     tip_d = part.tip_d[:0] if before is None else before.tip_d[-1:]
     speed_ratio = np.abs(part.v / part.velocity_limit).max(axis=-1)
@@ -281,7 +281,7 @@ def _rows_asked(scenario: Scenario, stop: Standstill) -> int:
 def _errors(
     run: Recording, count: int, found: Mapping[str, Extent], asked: Mapping[str, Extent]
 ) -> dict[str, float]:
-    """Of each error's first ``count`` rows rms and 95th percentile; of all the largest."""
+    """RMS and 95th percentile of each error's first ``count`` rows, and the largest of all."""
     values = {}
     for name, unit in ERRORS.items():
         rows = run.column(f"{name}_error")[:count]

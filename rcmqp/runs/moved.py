@@ -68,7 +68,7 @@ def with_instrument(scenario: Scenario, instrument: Instrument) -> Scenario:
 
 
 def _moved(scenario: Scenario, before: Insertion, after: Insertion) -> Scenario:
-    """The scenario at another insertion, with what it has in the patient."""
+    """The scenario at another insertion; obstacles and motion keep their place on the shaft."""
     turn = dq.mul(after.x_rcm, dq.conj(before.x_rcm))
     changes: dict[str, Any] = {}
     if isinstance(scenario.motion, Breathing | Sinusoid):
@@ -89,7 +89,7 @@ def _moved(scenario: Scenario, before: Insertion, after: Insertion) -> Scenario:
 
 
 def along(scenario: Scenario, recording: Recorded) -> Scenario:
-    """The scenario with its tip on the way of a recording, to the recording's end.
+    """The scenario with its tip on a recorded path, to the recording's end.
 
     Of poses the roll about the shaft counts, from the first one on: the trocar and the tip say
     where the shaft points.
@@ -132,7 +132,7 @@ def _rolls(quaternions: Array, tips: Array) -> Array:
 
 
 def recording_remarks(scenario: Scenario) -> list[str]:
-    """What a user of recordings should know: that one starts at speed, or ends before the run."""
+    """Remarks on recordings: one that starts at speed, or that ends before the run."""
     found, motion = list[str](), scenario.motion
     ways = {"path": getattr(scenario.path, "way", None), "motion": motion}
     for name, way in ways.items():

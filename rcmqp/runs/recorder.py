@@ -20,7 +20,7 @@ from rcmqp.runs.writer import writing
 
 
 class Recorder:
-    """What each cycle leaves, streamed to a file that Run.load() reads.
+    """Streams the rows of cycles to a file that Run.load() reads.
 
         with Recorder(path, scenario, controller, versions()) as recorder:
             for ... in cycles:
@@ -43,7 +43,7 @@ class Recorder:
         *,
         block: int = PART,
     ) -> None:
-        """Find out whether the file can be written; nothing is, yet.
+        """Check that the file can be written; nothing is written yet.
 
         Args:
             path: of the file.
@@ -61,7 +61,7 @@ class Recorder:
         self._opening = writing(path, block)
 
     def __enter__(self) -> Self:
-        """Open the file beside the one to be.
+        """Open the part file.
 
         Raises:
             RunFileError: it cannot be opened.
@@ -122,7 +122,7 @@ class Recorder:
         self._cycles.follow(part)
 
     def _flush(self) -> None:
-        """Write what append() has kept in memory."""
+        """Write the rows of append() that are in memory."""
         if len(self._cycles):
             self._writer.write(self._cycles.part())
 
@@ -132,7 +132,7 @@ class Recorder:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Write what is left and give the file its name; or, after an error, leave nothing."""
+        """Write the rest and rename the part file; after an error, leave nothing."""
         if error is None:
             try:
                 self._flush()

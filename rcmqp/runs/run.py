@@ -31,7 +31,7 @@ SAME_POSE = 1e-6
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run(Channels):
-    """What happened, at n sampling instants; each row is taken before the step.
+    """A recorded run of n sampling instants; each row is taken before the step.
 
     Every array, see Channels, is a dataset of the file, its unit and meaning are the dataset's
     attributes.
@@ -50,9 +50,9 @@ class Run(Channels):
     assumed: tuple[str, ...] = ()
     """Which limits were assumed; see Arm.assumed."""
     given: Given = UNKNOWN
-    """What the controller was given; a file of an earlier version does not say."""
+    """Inputs and limits of the controller; unknown in files of earlier versions."""
     arm: CarriedArm | None = None
-    """What the arm was made of; a file of an earlier version has not got it."""
+    """The sources of the arm; None in files of earlier versions."""
 
     def __post_init__(self) -> None:
         for array in [*self.arrays().values(), *self.diagnostics.values()]:
@@ -97,7 +97,7 @@ class Run(Channels):
         diagnostics: Mapping[str, Array],
         stops: Mapping[str, Sequence[int]],
     ) -> Run:
-        """The same run of other cycles: what rows() and so on are to be."""
+        """The same run with other cycles."""
         channels: dict[str, Any] = dict(rows)
         return dataclasses.replace(self, **channels, diagnostics=diagnostics, stops=stops)
 
@@ -123,7 +123,7 @@ class Run(Channels):
 
     @property
     def head(self) -> Head:
-        """What does not change from cycle to cycle."""
+        """The part of the run that does not change from cycle to cycle."""
         return Head(
             self.scenario,
             self.controller,
@@ -231,7 +231,7 @@ class Run(Channels):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Run:
-        """Read what save() wrote, all of it; RunFile reads a part at a time.
+        """Read a whole file of save(); RunFile reads a part at a time.
 
         Raises:
             RunFileError: the file is missing, damaged, of another format or a later version.
@@ -243,7 +243,7 @@ class Run(Channels):
 
     @classmethod
     def read(cls, file: h5py.File, rows: slice) -> Run:
-        """The part of a run in an open file that these rows are; its stops are all of them."""
+        """Read some rows of a run from an open file, with the stops of the whole run."""
         path, head = Path(file.filename), Head.read(file)
         with reading(path, "its shapes"):
             _check_shapes(path, file, head)
@@ -323,7 +323,7 @@ def _check_shapes(path: Path, file: h5py.File, head: Head) -> None:
 
 
 def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[int]]:
-    """Of a run's stops those in some rows, counted from the first of them."""
+    """The stops of a run in some rows, counted from the first of these rows."""
     found = {
         reason: [k - rows.start for k in cycles if rows.start <= k < rows.stop]
         for reason, cycles in stops.items()

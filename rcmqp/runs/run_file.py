@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class Recording(Protocol):
-    """What can be summed up: a Run, or a RunFile."""
+    """A run that metrics can be computed of: a Run, or a RunFile."""
 
     @property
     def head(self) -> Head:
-        """What does not change from cycle to cycle."""
+        """The part of the run that does not change from cycle to cycle."""
 
     @property
     def title(self) -> str:
@@ -29,7 +29,7 @@ class Recording(Protocol):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that the run is; see Run."""
+        """SHA-256 of the run; see Run."""
 
     def parts(self) -> Iterator[Run]:
         """The run, one part after the other."""
@@ -49,7 +49,7 @@ class RunFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Of the file at ``path``; nothing is read yet."""
+        """Take the file at ``path``; nothing is read yet."""
         self._path, self._open = path, contextlib.ExitStack()
 
     def __enter__(self) -> Self:

@@ -92,7 +92,7 @@ def _spheres(name: str, values: Iterable[Sphere]) -> tuple[Sphere, ...]:
 
 
 def _limits(name: str, limits: ArmLimits | None) -> ArmLimits | None:
-    """Limits that say something; None for those that do not."""
+    """The limits, or None if they set no limit."""
     if not isinstance(limits, ArmLimits | None):
         raise refused(name, limits, "of type ArmLimits, or None")
     return None if limits == ArmLimits() else limits
@@ -129,7 +129,7 @@ class Scenario:
         governor: slows the path down where the tip falls behind; the duration stays what it is,
             so a slowed path may not come to its end. Neither the trocar's motion nor the path
             planner's parts are slowed. None for a path that does not wait.
-        limits: of the joints, in place of the arm's own; None where none was given by hand.
+        limits: of the joints, in place of the arm's own; None if none was set.
         planner_from: where the path planner starts towards a far view: ``reference``, at the last
             reference; ``measured``, as in the paper's text, at the pose of the effector, which was
             measured one period before.
@@ -259,7 +259,7 @@ class Scenario:
         return self.carried_arm.load(self.flange, given_limits(self.limits))
 
     def portable(self) -> Scenario:
-        """The scenario as files have it: of an arm's own file the name, without its folders."""
+        """The scenario as a file has it: an arm's file is named without its folders."""
         return dataclasses.replace(self, arm=own_name(self.arm))
 
     def insertion(self) -> Insertion:
@@ -297,7 +297,7 @@ class Scenario:
         return Planner(x_rcm, round(self.planner_time / self.period) - 1, self.period)
 
     def pivots(self, cycles: range | None = None) -> Array:
-        """Where the trocar is (n, 3) at n sampling instants, or at all, in the world [m]."""
+        """The trocar in the world (n, 3) at n sampling instants, by default all [m]."""
         cycles = range(self.cycles) if cycles is None else cycles
         return np.array(self.trocar.pivot) + asked.offsets(self, cycles)
 
@@ -308,7 +308,7 @@ class Scenario:
     def references(
         self, insertion: Insertion, clock: PathClock | None = None
     ) -> Generator[Reference, ArmState | None]:
-        """What the controller is told, one sampling instant after the other.
+        """The controller's references, one for each sampling instant.
 
         The view asked for, carried along by the trocar, through the path planner; and of the
         trocar's velocity what ``pivot_velocity`` says. A steered path, a governor, or a planner
@@ -327,7 +327,7 @@ class Scenario:
         return asked.references(self, insertion, clock)
 
     def to_json(self, *, carry: bool = False) -> str:
-        """The scenario as JSON; from_json() makes an equal one of it.
+        """Write the scenario as JSON; from_json() reads an equal one.
 
         Args:
             carry: whether the arm of a file of one's own goes along, so that the scenario can be
@@ -337,13 +337,13 @@ class Scenario:
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:
-        """Make a scenario of what to_json() wrote.
+        """Read the JSON of to_json().
 
         Fields that have a default may be missing, as they are in files of earlier versions. A
         path of an unknown kind is Foreign: it cannot be run, but what was run can be looked at.
 
         Raises:
-            OptionError: the text is no scenario; the message says what is wrong with it.
+            OptionError: the text is not a scenario; the message says what is wrong with it.
             UnknownName: its motion or plant is of an unknown kind.
         """
         return scenario_json.read(text, cls)

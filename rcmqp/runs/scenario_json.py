@@ -1,4 +1,4 @@
-"""A scenario as JSON, and back; what a file says is not trusted."""
+"""A scenario as JSON, and read from JSON, which may come from anybody."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def read(text: str, make: Callable[..., Scenario]) -> Scenario:
 
 
 def _leave_out_straight(instrument: dict[str, Any]) -> None:
-    """Delete, in place, what files of earlier versions, without mounts, do not say."""
+    """Delete, in place, values that files of earlier versions do not have."""
     if instrument["mount"] == dataclasses.asdict(Mount()):
         del instrument["mount"]
     if instrument["wrist"] is None:
@@ -111,7 +111,7 @@ def _leave_out_straight(instrument: dict[str, Any]) -> None:
 
 
 def _of_kind(name: str, data: Mapping[str, Any]) -> Any:
-    """A path, motion or plant out of its own numbers and its ``kind``."""
+    """Make a path, motion or plant from its numbers and its ``kind``."""
     options = dict(data)
     kind = options.pop("kind")
     for registry in KINDS[name]:

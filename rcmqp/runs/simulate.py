@@ -57,7 +57,7 @@ def record(
     path: str | os.PathLike[str],
     progress: Callable[[int], None] | None = None,
 ) -> None:
-    """What simulate() does, its run streamed to a file, in the memory of one part of it.
+    """Simulate like simulate(), but stream the run to a file, with one part of it in memory.
 
     The file is what Run.save() would write; an earlier one is kept until it is there. RunFile
     looks at it in as little memory.
@@ -159,7 +159,7 @@ def _checked(answer: Command, name: str, nv: int, t: float) -> Array:
 
 
 def _check_possible(first: Command) -> None:
-    """Refuse a controller that an error keeps from its first step: that does not get better.
+    """Refuse a controller whose first step fails with an error: later steps would fail too.
 
     Raises:
         InvalidProblem: from the error.

@@ -1,4 +1,4 @@
-"""What anybody may have made: HDF5 files, checked before a number is read; text, made harmless."""
+"""Checks of HDF5 files and texts that may come from anybody."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ DAMAGED = "damaged"
 
 @contextlib.contextmanager
 def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
-    """Say of the file and its part what goes wrong while it is read.
+    """Turn any error in the block into a RunFileError that names the file and the part.
 
     A damaged file can make HDF5, NumPy and JSON raise almost any error, so all are caught.
 
@@ -97,7 +97,7 @@ class StoredRows:
     """A dataset of a file, read as it is sliced; an error names the file and the dataset."""
 
     def __init__(self, dataset: h5py.Dataset, allow: str = "anything") -> None:
-        """Of a dataset in an open file.
+        """Take a dataset in an open file.
 
         Args:
             dataset: where the numbers are.
@@ -125,7 +125,7 @@ class StoredRows:
             return found
 
     def _check(self, found: Any) -> None:
-        """Check that numbers are such as arms have."""
+        """Check that numbers are possible for an arm."""
         import numpy as np
 
         good = np.abs(found) < MOST_NUMBER
@@ -257,7 +257,7 @@ def text_of(path: Path, file: h5py.File, name: str) -> str:
     """A text that is an attribute of the file.
 
     Raises:
-        RunFileError: it is not there, or it is no text.
+        RunFileError: it is missing, or not a text.
     """
     import h5py
 
@@ -297,7 +297,7 @@ def whole_number(path: Path, file: h5py.File, name: str) -> int:
 
 
 def json_of(path: Path, name: str, value: str, kind: type) -> Any:
-    """What a JSON text of a file says.
+    """Read a JSON text of a file.
 
     Args:
         path: of the file.
@@ -306,7 +306,7 @@ def json_of(path: Path, name: str, value: str, kind: type) -> Any:
         kind: what it has to be, a dict or a list.
 
     Raises:
-        RunFileError: it is no JSON, or another kind.
+        RunFileError: it is not JSON, or of another kind.
     """
     with reading(path, name):
         found = json.loads(value)

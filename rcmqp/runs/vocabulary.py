@@ -365,5 +365,5 @@ MEASURES = {
 
 
 def meanings(names: Iterable[str], measures: Mapping[str, Measure] = MEASURES) -> dict[str, str]:
-    """What measures mean, by their short titles."""
+    """Meanings of measures, by their short titles."""
     return {measures[name].column: measures[name].meaning for name in names}

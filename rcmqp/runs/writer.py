@@ -79,7 +79,7 @@ class RunWriter:
         self._file[name][rows] = values
 
     def finish(self) -> None:
-        """Write what does not change from cycle to cycle, and the digest.
+        """Write the head of the run and its digest.
 
         Raises:
             RunFileError: no cycle was written.
@@ -103,10 +103,10 @@ class RunWriter:
 
 @contextmanager
 def writing(path: str | os.PathLike[str], block: int = PART) -> Iterator[RunWriter]:
-    """Write a run's file: it is there, whole, when the block ends; if it raises, nothing is.
+    """Write a run's file atomically: it is there when the block ends, and not if it raises.
 
-    An earlier file of that name stays until then. Memory does not grow with the run, but for the
-    numbers of the cycles in which the controller stopped safely.
+    An earlier file of that name stays until then. Memory does not grow with the run,
+    except for the numbers of the cycles in which the controller stopped safely.
 
     Args:
         path: of the file.

@@ -1,4 +1,4 @@
-"""What tells runs apart, their colours too; what each run was given, and why rows differ."""
+"""Labels and colours of runs, the settings of each, and remarks on why they differ."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def setup_text(head: Head) -> str:
 
 
 def _instrument(own: Instrument) -> Iterator[str]:
-    """What is other than Instrument() has it."""
+    """Describe where an instrument differs from Instrument()."""
     usual = Instrument()
     for name in ("length", "radius", "mount_offset"):
         if (value := getattr(own, name)) != getattr(usual, name):
@@ -83,12 +83,12 @@ DASHES = ("solid", "dashed", "dashdot", "dotted")
 
 
 def colour(run: int) -> str:
-    """Of the run in that place."""
+    """Colour of the i-th run."""
     return COLOURS[run % len(COLOURS)]
 
 
 def dash(run: int) -> str:
-    """Of the run in that place; it is another where colours come again."""
+    """Dash style of the i-th run; it changes each time the colours repeat."""
     return DASHES[(run + run // len(COLOURS)) % len(DASHES)]
 
 
@@ -105,7 +105,7 @@ TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits", "objective"
 
 
 def given_cells(head: Head) -> dict[str, str]:
-    """What a run's controller was given, for a table; the names are those of GIVEN."""
+    """The settings of a run and its controller as texts, by the names in GIVEN."""
     given = head.given
     return {
         "feed_forward": given.feed_forward_text,
@@ -119,13 +119,13 @@ def given_cells(head: Head) -> dict[str, str]:
 
 
 def given_names(cells: Iterable[Mapping[str, str]]) -> list[str]:
-    """Those of GIVEN that a table of these given_cells() shows: ``setup`` if one has any."""
+    """Names in GIVEN that a table shows; ``setup`` only if a run differs from the defaults."""
     set_up = any(each["setup"] not in ("", DEFAULT) for each in cells)
     return [name for name in GIVEN if name != "setup" or set_up]
 
 
 def given_words(cells: Mapping[str, str]) -> dict[str, str]:
-    """The same in words, for a legend or a caption, out of what given_cells() says."""
+    """The texts of given_cells() with their labels, for a legend or a caption."""
     return {
         name: f"{of.label} = {cells[name]} {of.unit}" if of.unit else f"{of.label}: {cells[name]}"
         for name, of in ((name, MEASURES[name]) for name in given_names([cells]))
@@ -133,7 +133,7 @@ def given_words(cells: Mapping[str, str]) -> dict[str, str]:
 
 
 def run_marks(runs: Sequence[Run]) -> tuple[list[str], list[list[str]]]:
-    """What all runs were given, and what each run is.
+    """The settings that all runs share, and the marks of each run.
 
     Returns:
         Words that hold for all runs; and for each run its controller, what it was given that
@@ -159,7 +159,7 @@ def run_marks(runs: Sequence[Run]) -> tuple[list[str], list[list[str]]]:
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:
-    """What tells the runs apart, see run_marks(); no label comes twice."""
+    """A label for each run, all different; see run_marks()."""
     labels = [", ".join(marks) for marks in run_marks(runs)[1]]
     return [
         f"{label}, run {i + 1}" if labels.count(label) > 1 else label
@@ -168,7 +168,7 @@ def run_labels(runs: Sequence[Run]) -> list[str]:
 
 
 def versions_text(runs: Sequence[Run]) -> str:
-    """What the runs were made with, and how long they are."""
+    """Durations, periods, seeds and versions of runs, as one text."""
     versions = {f"{name} {version}" for run in runs for name, version in run.versions.items()}
     lengths = _all(f"{run.time[-1]:.4g} s" for run in runs)
     periods = _all(f"{1e3 * run.period:g} ms" for run in runs)
@@ -180,7 +180,7 @@ def versions_text(runs: Sequence[Run]) -> str:
 
 
 def _all(texts: Iterable[str]) -> str:
-    """Each text once, in the order in which they come: a, b and c."""
+    """Each text once, in order: a, b and c."""
     *first, last = dict.fromkeys(texts)
     return f"{', '.join(first)} and {last}" if first else last
 
@@ -215,7 +215,7 @@ LIMITS = (
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """What a reader of these rows has to know of their laws to see why they differ."""
+    """Sentences that explain why the rows of controllers differ."""
     made = [row for row in rows if not row.failure]
     found = []
     if {"yes", "no"} <= {row.feed_forward for row in made}:
@@ -230,7 +230,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def _remark(law: str) -> str:
-    """What a law says of itself; nothing if this machine does not have it."""
+    """The remark of a controller's class; empty if this machine does not have it."""
     try:
         return CONTROLLERS[law].remark if law in CONTROLLERS else ""
     except PluginError:

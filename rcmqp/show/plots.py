@@ -180,7 +180,7 @@ def save_figure(
         figure: to write.
         path: of the files, without their endings; it may have dots of its own.
         endings: of the files to write, of ENDINGS.
-        dpi: of PNG, and of what is no line in other files [dots per inch].
+        dpi: of PNG, and of images inside other files [dots per inch].
 
     Raises:
         UnknownName: there is no such ending.
@@ -263,7 +263,7 @@ def _wrapped(label: str, wide: int = WIDE) -> str:
 
 
 def _literal(text: str) -> str:
-    """Text in which a dollar is no mathematics."""
+    """Text in which matplotlib takes no dollar sign for mathematics."""
     return text.replace("$", r"\$")
 
 
@@ -272,7 +272,7 @@ def _one_arm(runs: Sequence[Run]) -> bool:
 
 
 def _shared_text(runs: Sequence[Run], wide: int = 2 * WIDE) -> str:
-    """What all runs share of arm and settings, in lines of at most ``wide`` letters."""
+    """Arm and settings that all runs share, in lines of at most ``wide`` letters."""
     arm = [arm_title(runs[0].scenario.arm)] if _one_arm(runs) else []
     return _literal(
         textwrap.fill(", ".join([*arm, *run_marks(runs)[0]]), wide, break_on_hyphens=False)
@@ -280,7 +280,7 @@ def _shared_text(runs: Sequence[Run], wide: int = 2 * WIDE) -> str:
 
 
 def _labels(runs: Sequence[Run]) -> list[str]:
-    """What tells the runs apart, the arm in front if they have several."""
+    """A label for each run; it begins with the arm if there are several."""
     if _one_arm(runs):
         return run_labels(runs)
     return [

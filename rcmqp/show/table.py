@@ -55,7 +55,7 @@ class Table:
             right.
         title: what the table is about, and what all its rows share; may be empty.
         main: whether the terminal shows it too, and not only files.
-        notes: sentences below it, of which CSV has none.
+        notes: sentences below it; CSV leaves them out.
     """
 
     heads: Sequence[str]
@@ -201,14 +201,14 @@ def _bracket(found: re.Match[str]) -> str:
 
 
 def _text(cell: object) -> str:
-    """A cell for people."""
+    """The text of a cell."""
     if cell is None or (isinstance(cell, float) and math.isnan(cell)):
         return ""
     return str(cell)
 
 
 def _no_formula(cell: object) -> object:
-    """A cell that no spreadsheet runs; a number is none."""
+    """A cell that no spreadsheet runs as a formula; numbers stay as they are."""
     if not isinstance(cell, str) or not cell.startswith(_FORMULAS):
         return cell
     try:

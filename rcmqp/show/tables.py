@@ -28,7 +28,7 @@ from rcmqp.show.table import Table, definitions
 
 @dataclass(frozen=True)
 class Row:
-    """The result of a case.
+    """The result of a case in a comparison.
 
     rcmqp.runs.vocabulary says what each number means. ``setting`` is the controller's as Case has
     it, empty if it is not known; ``limits_kept`` is None of a case that was not run; ``file`` is
@@ -192,7 +192,7 @@ def as_latex(rows: Sequence[Row]) -> str:
 
 
 def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> Table:
-    """What runs were given and their metrics down, runs across; what is missing says so."""
+    """Table of settings and metrics with a column for each run; missing numbers say so."""
     found = [compute_metrics(run) for run in runs]
     given = [given_cells(run.head) for run in runs]
     rows = [[MEASURES[name].row, *(each[name] for each in given)] for name in given_names(given)]
@@ -210,7 +210,7 @@ def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> Table:
 
 
 def metrics_meanings() -> dict[str, str]:
-    """What the rows of metrics_table() mean."""
+    """Meanings of the rows of metrics_table()."""
     names = (*GIVEN, "errors_until_s", *METRICS_ROWS, "safe_stops")
     return {MEASURES[name].row: MEASURES[name].meaning for name in names}
 
@@ -240,7 +240,7 @@ def as_markdown(rows: Sequence[Row]) -> str:
 
 
 def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
-    """Three tables; what all rows share is in the title, but for what tells controllers apart."""
+    """Three tables; values that all rows share are in the title, except those of controllers."""
     made = [row for row in rows if not row.failure]
     apart = ("controller", "feed_forward", "roll", "limits_enforced") if several else ()
     lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in made}) != 1]
@@ -259,7 +259,7 @@ def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
 
 
 def _words(row: Row, shared: Sequence[str]) -> str:
-    """What all rows share, in the words of a caption."""
+    """Values that all rows share, as a caption."""
     words = {name: _lead(row, name) for name in ("scenario", "controller")}
     words |= given_words(dataclasses.asdict(row))
     end = MEASURES["errors_until_s"]
@@ -287,7 +287,7 @@ def _table(title: str, rows: Sequence[Row], lead: Sequence[str], names: Sequence
 
 
 def _lead(row: Row, name: str) -> str:
-    """What a row is of, in a column of _LEAD."""
+    """Text of a row in a column of _LEAD."""
     if name == "errors_until_s":
         return "" if row.failure else until(row.errors_until_s, row.duration_s)
     if name == "controller":

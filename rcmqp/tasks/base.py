@@ -1,4 +1,4 @@
-"""What every task is, and how tasks share a level."""
+"""The base classes of tasks, and how tasks share a level."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Residual:
         return record(cls, e, J, d)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array]]:
-        """Copies are made by the same door."""
+        """Make copies by __new__(), which checks."""
         return type(self), (self.error, self.jacobian, self.drift)
 
 
@@ -137,17 +137,17 @@ class Task(abc.ABC):
         The rows are in the error's unit per second.
 
         Raises:
-            InvalidProblem: what evaluate() gives does not belong together, or is no Residual.
+            InvalidProblem: evaluate() returns sizes that do not fit, or not a Residual.
         """
         residual = self.residual(state, reference)
         wanted = -self.gain * residual.error - residual.drift
         return Level(residual.jacobian, wanted, self.name, damping=self.speed_damping)
 
     def residual(self, state: ArmState, reference: Reference) -> Residual:
-        """What evaluate() gives, checked.
+        """Call evaluate() and check what it returns.
 
         Raises:
-            InvalidProblem: it does not belong together, or is no Residual.
+            InvalidProblem: its sizes do not fit, or it is not a Residual.
         """
         try:
             residual = self.evaluate(state, reference)
@@ -160,11 +160,11 @@ class Task(abc.ABC):
         return residual
 
     def __getstate__(self) -> dict[str, Any]:
-        """The options: what is made of them is made anew."""
+        """Return only the options; what is computed from them is computed again."""
         return {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
 
     def __add__(self, other: Task | Together) -> Together:
-        """Both on one level."""
+        """Put both tasks on one level."""
         return Together((self,)) + other
 
 
@@ -224,7 +224,7 @@ class Together:
         return Level(A, b, self.name, damping=self.speed_damping)
 
     def __add__(self, other: Task | Together) -> Together:
-        """All on one level."""
+        """Put all tasks on one level."""
         if not isinstance(other, Task | Together):
             return NotImplemented
         more = other.tasks if isinstance(other, Together) else (other,)

@@ -1,4 +1,4 @@
-"""What joints do with the freedom that is left: a posture, or an objective's ascent.
+"""Tasks for the freedom that other tasks leave: a posture, or an objective's ascent.
 
 The objectives c(theta) of equation (4) are better the larger they are. Singular values are those
 of the effector's geometric Jacobian as it stands, in metres and radians: the number depends on
@@ -207,7 +207,7 @@ OBJECTIVES: dict[str, Callable[[Arm], Objective]] = {
 
 
 def own_objective(arm: Arm) -> str:
-    """Name of the objective that an arm has where none is asked for.
+    """Name of an arm's default objective.
 
     It is that of the paper's controller: singularity_product on arms of that kind, manipulability
     on others; and joint_centring where there are fewer than six joints.

@@ -164,7 +164,7 @@ class PoseTask(CompiledTask):
 
         e = vec(1 - x* x_d),   de/dt = -N v - vec(x* x_d'),   N = H-(x_d) C8 J_dq
 
-    8 rows of rank 6 at the most. Of x_d and -x_d, one pose, the one on x's side is taken, with
+    8 rows of rank 6 at most. Of x_d and -x_d, one pose, the one on x's side is taken, with
     its derivative. At x_d' = 0 the least-squares v on a level of its own is the paper's law
     K N^+ e.
 

@@ -1,1 +1,1 @@
-"""What is there: an arm, its instrument, the trocar and its motion, obstacles, a camera."""
+"""The world: an arm, its instrument, the trocar and its motion, obstacles, a camera."""

@@ -49,7 +49,7 @@ class ModelSource:
             carried.CarriedArm.
         carried: whether the URDF came in a run's file; its meshes are not looked for.
         meshes: SHA-256 of the meshes by their names, as they were when a run was made; empty where
-            the arm is no run's.
+            the arm is not that of a run.
     """
 
     urdf: Path
@@ -264,9 +264,9 @@ class Arm(Limited):
     ) -> ArmState:
         """One kinematics pass at ``q`` (nq,), joints moving with ``v`` and ``a`` (nv,).
 
-        A joint reading that failed, one that is not finite, is no error here: the state carries
-        it, its placement and Jacobian are NaN as well, and a controller answers it with the safe
-        stop. So a loop on a real arm needs no other way out.
+        A joint reading that is not finite is not an error here: the state carries it, placement
+        and Jacobian are NaN as well, and a controller answers with the safe stop. So a loop on a
+        real arm needs no other way out.
 
         Raises:
             InvalidCommand: q, v or a has the wrong size.

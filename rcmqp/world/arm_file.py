@@ -119,7 +119,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
         robots: the folder of the registered arms.
 
     Raises:
-        ArmError: it is missing, is no TOML, or says something that is not allowed.
+        ArmError: it is missing, is not TOML, or says something that is not allowed.
         UnknownName: a key, or the arm in ``like``, is not known.
     """
     entry = _toml(path)

@@ -83,7 +83,7 @@ class Pinhole:
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
     def seen(self, x_cam: ArrayLike, spheres: Sequence[Sphere]) -> tuple[NDArray[np.int_], Array]:
-        """What each pixel shows: the nearest sphere on its ray.
+        """The nearest sphere on each pixel's ray.
 
         A ray d from the camera meets a sphere, centre c and radius r, if b = d . c > 0 and
         b^2 >= |c|^2 - r^2; the point met is at b - sqrt(b^2 - |c|^2 + r^2).

@@ -106,7 +106,7 @@ class CarriedArm:
             limits: by hand, in place of the arm's own.
 
         Raises:
-            ArmError: what is carried is no arm.
+            ArmError: what is carried is not an arm.
         """
         return self._here(flange, limits) or self._made(limits)
 
@@ -178,7 +178,7 @@ def _sha256(path: Path) -> str:
 
 @functools.lru_cache(maxsize=1000)
 def _sha256_of(path: Path, *_: int) -> str:
-    """Of a file, read once as long as it stays as it is."""
+    """SHA-256 of a file, computed again only if the file changes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -80,7 +80,7 @@ def ease_of(
     depth: float,
     collisions: Collisions,
 ) -> Ease:
-    """What a start is like.
+    """The ease of a start.
 
     Args:
         arm: its flange carries the instrument.
@@ -121,7 +121,7 @@ def ease_of(
 
 
 def ease_at(insertion: Insertion) -> Ease:
-    """What the start of an insertion is like."""
+    """The ease of an insertion's start."""
     arm, instrument = insertion.arm, insertion.instrument
     collisions = Collisions(arm, instrument)
     angles, depth = insertion.angles_start, insertion.tip_depth
@@ -141,7 +141,7 @@ def _targets(start: pin.SE3) -> list[pin.SE3]:
 def _follow(effector: Arm, target: pin.SE3, angles: Array) -> tuple[Array, bool]:
     """Angles (nv,) that reach a placement, in its limits, and whether they do.
 
-    The image stays upright, but for arms of five joints, which cannot.
+    The image stays upright, except for arms of five joints, which cannot.
     """
     rows = 6 if effector.nv >= 6 else 5
     lower, upper = effector.lower, effector.upper

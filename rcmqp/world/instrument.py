@@ -171,7 +171,7 @@ class Mount:
 
     @property
     def placement(self) -> pin.SE3:
-        """Of the mount, seen from the flange."""
+        """Placement of the mount, seen from the flange."""
         return pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), np.array(self.xyz))
 
 

@@ -39,7 +39,7 @@ MOST_TURN, MOST_STROKE = 7.0, 2.0
 
 
 class Limited:
-    """What has joints with limits; Arm is.
+    """The limits of an arm's joints; Arm derives from it.
 
     Where no acceleration or jerk limit is known, one is assumed: a joint is taken to reach its
     speed limit in SPEED_TIME, and its acceleration limit in ACCELERATION_TIME. A joint whose

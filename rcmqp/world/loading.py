@@ -128,7 +128,7 @@ def load_arm(
     Raises:
         UnknownName: no arm or no joint has this name.
         FrameNotFound: the URDF has no such frame.
-        ArmError: the file is missing, is no URDF, or holds no fixed-base serial arm.
+        ArmError: the file is missing, is not a URDF, or holds no fixed-base serial arm.
         OptionError: a limit is not allowed.
         PluginError: the arm is a plug-in's, which cannot be used.
     """

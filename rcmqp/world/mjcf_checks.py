@@ -1,4 +1,4 @@
-"""What an MJCF must be before MuJoCo reads it: bounded, with its includes and replicates."""
+"""Checks of an MJCF before MuJoCo reads it: its size, with includes and replicates."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def points(group: str) -> Points:
 
 @functools.cache
 def _points(group: str, path: tuple[str, ...]) -> Points:
-    """What points() finds on ``path``, which is sys.path."""
+    """The entry points on ``path``, which is sys.path."""
     found: Points = {}
     for point in importlib.metadata.entry_points(group=group):
         name = point.name.replace("-", "_")
@@ -76,7 +76,7 @@ def _package(module: str) -> str:
 
 
 def load(group: str, name: str) -> Any:
-    """What an entry point stands for.
+    """Load the object of an entry point.
 
     Raises:
         PluginError: it cannot be imported, or several distributions add the name.

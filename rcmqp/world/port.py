@@ -21,7 +21,7 @@ UPWARDS = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """What is given of the incision; None keeps what a scenario has.
+    """Values of the incision; None keeps the scenario's.
 
     With a pivot alone the arm moves to a start that find_start() finds. With a tolerance as well
     the instrument is in already: the arm stays at its start, and the pivot, measured a little off

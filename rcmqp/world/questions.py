@@ -1,4 +1,4 @@
-"""What looks wrong with an arm though it can be loaded: units, a flange that points aside."""
+"""Doubts about an arm that can be loaded: wrong units, a flange that points aside."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def search_start(
         seed: of those.
 
     Raises:
-        NoStartFound: there is none; the message says what the nearest one lacks.
+        NoStartFound: there is no start; the message says why the nearest one fails.
     """
     rng = np.random.default_rng(seed)
     seeds = [arm.home, *(arm.random_angles(rng) for _ in range(attempts))]
@@ -195,7 +195,7 @@ class Search:
         return best
 
     def reason(self, trocar: Trocar) -> str:
-        """Why there is no start."""
+        """Say why there is no start."""
         arm = self.arm
         where = f"trocar at {trocar.pivot} m, axis {trocar.axis}"
         for joint in np.flatnonzero(self.upper <= self.lower):

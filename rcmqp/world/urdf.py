@@ -55,7 +55,7 @@ def read_urdf(path: Path) -> Urdf:
     """Read a .urdf, a .urdf.gz, a .xacro with the package xacro, or an MJCF with mujoco.
 
     Raises:
-        ArmError: the file is missing or too large, is no URDF, or cannot be an arm; the message
+        ArmError: the file is missing or too large, is not a URDF, or cannot be an arm; the message
             names what is wrong and what to do.
     """
     raw = _bytes(path)
@@ -164,7 +164,7 @@ def _joints(urdf: Urdf) -> Iterator[ET.Element]:
 
 
 def _bytes(path: Path) -> bytes:
-    """What is in the file, unpacked."""
+    """The bytes of a file, decompressed."""
     try:
         there, size = path.is_file(), path.stat().st_size if path.is_file() else 0
     except (OSError, ValueError):  # too long a name, or NUL in it

@@ -1,4 +1,4 @@
-"""What a URDF must be before a parser in C++ sees it: bounded, a tree, with numbers in it."""
+"""Checks of a URDF before a parser in C++ reads it: bounded, a tree, with numbers."""
 
 from __future__ import annotations
 

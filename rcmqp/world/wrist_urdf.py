@@ -33,7 +33,7 @@ def wrist_of_urdf(path: Path, shaft: str, tip: str) -> tuple[float, Wrist]:
         From the origin of ``shaft`` to where the wrist begins [m]; and the wrist.
 
     Raises:
-        ArmError: the file is no URDF; there are no joints between the links, or others than
+        ArmError: the file is not a URDF; there are no joints between the links, or others than
             revolute ones with limits; or at zero they are not in line with the shaft.
         FrameNotFound: there is no such link.
     """

@@ -29,7 +29,7 @@ from rcmqp.world.plugins import Registry
 
 
 class Asking(Protocol):
-    """What asks for views during one run."""
+    """A source of views during one run."""
 
     def command(self, t: float, x: Array) -> ViewCommand | None:
         """The view asked for at ``t`` [s]; None ends the run.
@@ -46,10 +46,10 @@ class Steered(Protocol):
 
     @property
     def duration(self) -> float:
-        """How long it takes at the most [s]."""
+        """The longest time that it can take [s]."""
 
     def start(self, insertion: Insertion, period: float, seed: int) -> Asking:
-        """What asks during one run; equal arguments ask for the same to the bit."""
+        """Make the source of views of one run; equal arguments give the same views to the bit."""
 
 
 _OWN: dict[str, type[Steered]] = {"camera_trial": CameraTrial}

@@ -84,7 +84,7 @@ class CameraTask:
 def reached(times: Array, tip: Array, targets: Array, tolerance: float) -> Array:
     """When each target was reached, in their order, (m,) [s]; NaN for those that were not.
 
-    One sampling instant counts for one target at the most.
+    One sampling instant counts for one target at most.
 
     Args:
         times: (n,) [s].

@@ -61,7 +61,7 @@ class Encoder:
         self._readings: deque[Vector3] = deque(maxlen=window + 1)
 
     def read(self, position: Vector3) -> DeviceState:
-        """What the device says of a handle at ``position`` (3,) [m]."""
+        """The device's reading of a handle at ``position`` (3,) [m]."""
         r, readings = self._resolution, self._readings
         x, y, z = (
             r * round(position[0] / r),
@@ -125,7 +125,7 @@ depend on the controller's."""
 
 
 class Tremor:
-    """One number a cycle and axis, standard deviation 1, peak at a frequency.
+    """A number for each cycle and axis, with standard deviation 1 and its peak at a frequency.
 
     A damped oscillator x'' + 2 zeta w x' + w^2 x driven by white noise, sampled: with
     p = exp((-zeta + i sqrt(1 - zeta^2)) w T),

@@ -14,7 +14,7 @@ PMC5570794 (60 novices in laparoscopic hand-eye coordination: two-phase exponent
 Stefanidis's camera navigation trainer (corescholar.libraries.wright.edu/internal_medicine/95:
 students who practised navigating the camera became faster, those who did not did not). [A] is
 assumed. Nobody has published how fast people learn this device and task, so the time constants
-below are assumed: a study with learning says what learning could do, and measures nothing.
+below are assumed: a study with learning shows what learning could do; it is not a measurement.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ class Learning:
     rate: float = field(default=0.5, metadata=at_least(0.0))
 
     def share(self, t: float) -> float:
-        """What is left of the difference between the groups, ``t`` [s] into the trial; 1 is all.
+        """Share of the difference between the groups that is left ``t`` [s] into the trial.
 
-        Above 1 with less practice than the paper's.
+        1 is all of it; it is above 1 with less practice than the paper's.
         """
         if self.shape == "exponential":
             return math.exp((REFERENCE - self.practice - t) / self.time)

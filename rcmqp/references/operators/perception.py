@@ -1,4 +1,4 @@
-"""What an operator makes of the camera's image."""
+"""How an operator perceives the camera's image."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ literature on manual control and quoted from memory: Meyer et al. 1988 and Cross
 submovements, Harris and Wolpert 1998 on noise in proportion to the signal, McRuer on the
 operator's delay, Fitts 1954. [C] was fitted, for this project and before this study, so that the
 completion times of a kinematic model match the paper's mean and deviation: what these times come
-out as is no result. [A] is assumed.
+out as is not a result. [A] is assumed.
 """
 
 from __future__ import annotations
@@ -278,7 +278,7 @@ def operator_of_study(index: int, seed: int) -> tuple[Operator, int]:
     the mean of all).
 
     Raises:
-        OptionError: index or seed is no whole number from 0 on.
+        OptionError: index or seed is not a whole number from 0 on.
     """
     index, seed = allowed("index", index, whole(0)), allowed("seed", seed, whole(0))
     person, trial = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)

@@ -53,7 +53,7 @@ def is_clear(start: Vector3, goal: Vector3, obstacle: Sphere, distance: float) -
 
 
 def via_point(start: Vector3, goal: Vector3, obstacle: Sphere, distance: float) -> Vector3 | None:
-    """Where to go first so that the straight ways keep their distance; None if one way does.
+    """A point on the way so that both straight parts keep their distance; None if not needed.
 
     The point is off the middle between start and goal, in equal parts towards the axis through
     the trocar, on which the camera started, and back out of the patient: withdrawn, the camera
@@ -113,7 +113,7 @@ def recognition_times(
 
 
 class Steering:
-    """What one operator asks for, cycle by cycle.
+    """The views that one operator asks for, cycle by cycle.
 
     Before each objective the operator looks at the pictures; then submovements follow each
     other. Each is decided on what the camera showed ``delay`` ago: the perceived way to the goal

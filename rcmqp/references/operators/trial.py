@@ -50,7 +50,7 @@ class CameraTrial:
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """What the task asks to be shown."""
+        """The spheres that the task asks to be shown."""
         return self.task.spheres
 
     def start(self, insertion: Insertion, period: float, seed: int) -> Steering:
@@ -87,7 +87,7 @@ def camera_trial(path: object, scenario: str) -> CameraTrial:
         scenario: what the scenario is called.
 
     Raises:
-        OptionError: the path is no CameraTrial.
+        OptionError: the path is not a CameraTrial.
     """
     if isinstance(path, CameraTrial):
         return path

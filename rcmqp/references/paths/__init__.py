@@ -39,7 +39,7 @@ class Path(Protocol):
 
 @runtime_checkable
 class Shows(Protocol):
-    """What a path has besides, if there is something to be seen on its way; a viewer draws it.
+    """A path with targets or spheres, which a viewer draws.
 
     Points are seen from the trocar in the axes of x_d(0), and move with the trocar [m].
     """
@@ -49,12 +49,12 @@ class Shows(Protocol):
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """What the camera is to look at, in its order."""
+        """The spheres that the camera is to look at, in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Foreign:
-    """What a file says of a path whose class this process does not have.
+    """A path out of a file whose class this process does not have.
 
     A run along it can be looked at; it cannot be run again before its class is in PATHS, by this
     program or by a plug-in.

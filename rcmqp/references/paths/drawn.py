@@ -37,7 +37,7 @@ class Drawn(abc.ABC):
 
     @abc.abstractmethod
     def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
-        """What compiled code needs: which figure, its sizes and turns.
+        """The figure for compiled code: its kind, sizes and turns.
 
         Raises:
             OptionError: the figure cannot be drawn from a tip ``tip_depth`` [m] inside.

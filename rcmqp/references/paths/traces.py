@@ -69,7 +69,7 @@ class HandTrace:
 
     @functools.cached_property
     def way(self) -> Sampled:
-        """What counts of the handle's way."""
+        """The part of the handle's motion that counts."""
         clutch, engaged = Clutch(), self.engaged or (True,) * len(self.times)
         return Sampled(self.times, tuple(map(clutch.step, self.positions, engaged)))
 

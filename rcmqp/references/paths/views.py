@@ -75,7 +75,7 @@ class ViewMoves:
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """None."""
+        """No spheres."""
         return ()
 
 
@@ -117,7 +117,7 @@ class ViewSteps:
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """None."""
+        """No spheres."""
         return ()
 
 

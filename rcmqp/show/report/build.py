@@ -1,4 +1,4 @@
-"""A folder that shows runs: index.html, tables, figures, and a viewer a scenario and arm."""
+"""A folder that shows runs: index.html, tables, figures, viewers."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _make(part: Path, title: str, groups: Sequence[Group], sections: Sequence[Se
 
 
 def _move(part: Path, folder: Path) -> list[Path]:
-    """Give all files their places, index.html's last; their paths, index.html's first."""
+    """Move all files to the folder, index.html last; return their paths, index.html first."""
     names = sorted(file.name for file in part.iterdir() if file.name != INDEX)
     for name in (*names, INDEX):
         check_writable(folder / name)

@@ -51,7 +51,7 @@ class Group:
 
     @property
     def labels(self) -> list[str]:
-        """What tells the runs apart."""
+        """A label for each run."""
         return run_labels(self.runs)
 
 
@@ -84,7 +84,7 @@ DIGITS = 12
 
 
 def run_command(run: Run, scenario: str, file: str) -> str:
-    """The command that makes a simulated run again; a comment where none can.
+    """The command that makes a simulated run again; a comment if there is no such command.
 
     Args:
         run: to be made again.

@@ -170,14 +170,14 @@ def opened(
 
 
 def _failed(what: str, error: Error) -> ViewError:
-    """What failed, and what playwright says first; its log of calls follows."""
+    """Error text: the action that failed, and the first line of playwright's message."""
     first = error.message.partition("\n")[0]
     return ViewError(f"{what}: {first}")
 
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Ctrl-C ends what drives Chromium, too; what follows from that is no error, but Ctrl-C."""
+    """Raise KeyboardInterrupt for errors that follow when Ctrl-C ends playwright's driver."""
     heard: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:

@@ -146,11 +146,11 @@ def grouped(runs: Sequence[Run]) -> list[list[Run]]:
 def page_data(
     runs: Sequence[Run], labels: Sequence[str], insertion: Insertion, *, deepest: float = 0.0
 ) -> str:
-    """What readRecording() of recording.js takes apart: scene, arm and runs.
+    """The data that readRecording() in recording.js reads: scene, arm and runs.
 
     Args:
         runs: of one scenario.
-        labels: one a run.
+        labels: one for each run.
         insertion: of the scenario.
         deepest: the least depth that the ground lies beyond [m].
     """

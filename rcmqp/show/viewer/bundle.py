@@ -21,12 +21,12 @@ class Bundle:
         self._block = bytearray()
 
     def floats(self, array: Array) -> dict[str, Any]:
-        """Put an array in, in single precision; what the header says of it."""
+        """Add an array in single precision; return its entry in the header."""
         data = np.ascontiguousarray(array, dtype="<f4")
         return {"at": self._put(data.tobytes()), "shape": list(data.shape)}
 
     def chunk(self, data: bytes) -> dict[str, int]:
-        """Put bytes in; what the header says of them."""
+        """Add bytes; return their entry in the header."""
         return {"at": self._put(data), "size": len(data)}
 
     def text(self, header: dict[str, Any]) -> str:

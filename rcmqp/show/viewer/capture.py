@@ -198,7 +198,7 @@ def _check_time(runs: Sequence[Run], time: float) -> None:
 
 
 def _pane(camera: str) -> str:
-    """What of the page is shown by itself; nothing where it is the whole page."""
+    """The pane of the page that is captured; empty for the whole page."""
     return "" if camera == "page" else camera
 
 

@@ -1,4 +1,4 @@
-"""What is used of meshcat, without its server: commands, geometries, triangles for them."""
+"""The parts of meshcat that are used, without its server: commands and geometries."""
 
 from __future__ import annotations
 

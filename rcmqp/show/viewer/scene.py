@@ -22,7 +22,7 @@ from rcmqp.world.obstacles import Sphere
 
 
 def kinematics(arm: Arm, q: Array) -> dict[str, Any]:
-    """What the page needs to pose the arm: joint by joint, and where the flange is.
+    """Kinematics for the page: the joints of the arm, and where the flange is.
 
     A joint at angle a moves its link to placement * exp(a (linear, angular)), seen from the link
     before; ``linear`` and ``angular`` (3,) are the joint's axis, one of them zero. The flange is
@@ -114,7 +114,7 @@ def targets(run: Run, insertion: Insertion) -> Array:
 
 
 def spheres(run: Run, insertion: Insertion) -> list[Sphere]:
-    """What the path asks to be shown, see Shows; they move with the trocar [m]."""
+    """Spheres that the path asks to be shown, see Shows; they move with the trocar [m]."""
     path = run.scenario.path
     asked = path.spheres if isinstance(path, Shows) else ()
     centres = _from_trocar(run, insertion, [sphere.centre for sphere in asked])
@@ -131,7 +131,7 @@ def _from_trocar(run: Run, insertion: Insertion, points: Sequence[Vector3]) -> A
 
 
 def _deepest(run: Run, insertion: Insertion) -> float:
-    """How far from the trocar tips, but for missing ones, and what is to be seen come [m]."""
+    """Largest distance of tips and spheres from the trocar [m]; missing tips do not count."""
     pivot = np.array(run.scenario.trocar.pivot)
     tips = np.concatenate([run.tip - run.pivot, run.tip_d - run.pivot])
     seen = [np.subtract(sphere.centre, pivot) for sphere in spheres(run, insertion)]

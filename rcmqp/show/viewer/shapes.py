@@ -44,7 +44,7 @@ def collada_triangles(path: Path, scale: Array) -> dict[Colour | None, Array]:
         Corners (m, 3, 3) of each colour's triangles [m]; the colour is None if the file has none.
 
     Raises:
-        Unreadable: this is no Collada file, or a broken one.
+        Unreadable: this is not a Collada file, or a broken one.
     """
     file = collada.Collada(str(path), ignore=IGNORED)
     size = scale * (file.assetInfo.unitmeter or 1.0)
@@ -133,7 +133,7 @@ def _urdf_parts(arm: Arm) -> list[Part]:
 
 
 def _without(arm: Arm, meshes: Sequence[str]) -> str:
-    """What to say of meshes that are not there."""
+    """Warning text for meshes that are missing."""
     if arm.source is not None and arm.source.carried:
         return (
             f"{arm.name} is drawn without its {len(meshes)} meshes, which are not in the run's "
@@ -175,7 +175,7 @@ def _triangles(shape: Any) -> dict[Colour | None, Array]:
 
 
 def _colour(shape: Any) -> Colour:
-    """What the URDF gives, or its reader where it gives none."""
+    """Colour in the URDF, or the default of its parser."""
     red, green, blue = (float(x) for x in shape.meshColor[:3])
     return red, green, blue
 

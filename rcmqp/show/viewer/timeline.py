@@ -1,4 +1,4 @@
-"""What a page plays of a run: frames for the scene, curves and safe stops for the plots."""
+"""The data of a run that a page plays: frames, curves and safe stops."""
 
 from __future__ import annotations
 
