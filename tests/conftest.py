@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import joblib
@@ -10,15 +11,16 @@ import pytest
 from rcmqp import Arm, Insertion, Instrument, Run, Scenario, arm_names, load_arm, load_scenario
 
 if TYPE_CHECKING:
+    from helpers import Call
     from opened import Opened
 
 
 SLOW = """
-approach at_rest baselines behaviour benchmarks cli compare contour damaged dampers
+approach at_rest baselines behaviour benchmarks cli cli_refusals compare contour damaged dampers
 doc_tables dual_quaternion_controller dual_quaternion_options experiment_a experiment_b
 governor hands hostile image_upright joint_limits learning loopback operator_hands
 operators package plugins promises qp_oracle readme report reproduce run_file safe_stop
-simulate stress study study_tables task_reconstruction untrusted vfi_qp viewer
+simulate stress study study_tables study_trials task_reconstruction untrusted vfi_qp viewer
 viewer_capture viewer_odd viewer_page viewer_picture viewer_shapes watchdog
 """
 """Files test_*.py that `make test-fast` leaves out: browsers, studies, many runs, processes."""
@@ -69,6 +71,31 @@ def opened(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
     with opening(runs, tmp_path_factory.mktemp("page")) as page:
         yield page
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Call:
+    """Run a command line: exit code, stdout, stderr."""
+    from rcmqp.cli import main  # it takes long to import
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main(arguments)
+        code = stop.value.code
+        return int(code or 0), *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> str:
+    """The camera task, ended after 0.4 s, as a scenario's file."""
+    from short_study import SHORT
+
+    file = tmp_path / "short.py"
+    file.write_text(SHORT.format(duration=0.4), encoding="utf-8")
+    return str(file)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import functools
 import importlib.resources
 import tomllib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -28,6 +28,13 @@ from rcmqp.maths.dualquaternion import Array
 assert_allclose = np.testing.assert_allclose
 
 every_scenario = pytest.mark.parametrize("name", scenario_names())
+
+
+Call: TypeAlias = Callable[..., tuple[int, str, str]]
+"""Of the fixture ``call``."""
+
+SHORT = ("run", "conical_helix", "--duration", "0.1", "--period", "0.01")
+"""A command line that simulates ten cycles."""
 
 
 def ran(scenario: Scenario, controller: str = "dual_quaternion", **options: object) -> Run:
