@@ -16,9 +16,9 @@ class Measure:
     Attributes:
         name: its field in Metrics, Row, Outcome or HandMeasures; it ends in the unit.
         head: a short title, for a column.
-        label: a longer title, for a row or a sentence.
-        unit: empty for a number without a unit.
         meaning: one or two sentences.
+        long: a longer title, for a row or a sentence; the short one if empty.
+        unit: empty for a number without a unit.
         how: which number over the time of a run: rms, max or least; empty where the label says it.
         style: format of a number where several measures stand beside each other.
         fixed: format where one measure of several runs is compared, down a row.
@@ -29,15 +29,20 @@ class Measure:
 
     name: str
     head: str
-    label: str
-    unit: str
     meaning: str
+    long: str = ""
+    unit: str = ""
     how: str = ""
     style: str = ".3g"
     fixed: str = ".3g"
     nan: str = ""
     inf: str = "none"
     floor: float = -math.inf
+
+    @property
+    def label(self) -> str:
+        """The long title, or the short one if there is no other."""
+        return self.long or self.head
 
     @property
     def column(self) -> str:

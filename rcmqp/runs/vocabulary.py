@@ -26,10 +26,10 @@ def _error(name: str, head: str, label: str, unit: str, fixed: str, meaning: str
         Measure(
             f"{name}_{kind}_{unit}",
             f"{head} {short}",
-            label,
-            unit,
             f"{meaning} {first}.",
-            how,
+            long=label,
+            unit=unit,
+            how=how,
             fixed=fixed,
         )
         for kind, short, how, first in kinds
@@ -37,78 +37,64 @@ def _error(name: str, head: str, label: str, unit: str, fixed: str, meaning: str
 
 
 _CASE = (
-    Measure("scenario", "scenario", "scenario", "", "Name of the scenario."),
-    Measure("arm", "arm", "arm", "", "Name of the arm, or path of its URDF."),
+    Measure("scenario", "scenario", "Name of the scenario."),
+    Measure("arm", "arm", "Name of the arm, or path of its URDF."),
     Measure(
         "controller",
         "controller",
-        "controller",
-        "",
         "Name of the controller, with those of its options that no other column tells.",
     ),
-    Measure("setting", "setting", "setting", "", "Controller as NAME or NAME:OPTION=VALUE."),
+    Measure("setting", "setting", "Controller as NAME or NAME:OPTION=VALUE."),
     Measure(
         "feed_forward",
         "feed-forward",
-        "feed-forward",
-        "",
         "Whether the controller knows the velocity of the reference, and of the trocar. Without "
         "it, a controller comes after what moves.",
     ),
     Measure(
         "roll",
         "roll held",
-        "roll controlled",
-        "",
         "Whether the controller turns the instrument about its shaft as it is asked to. One that "
         "does not lets the camera's image turn: its orientation error is of another kind.",
+        long="roll controlled",
     ),
     Measure(
         "limits_enforced",
         "joint limits enforced",
-        "joint limits enforced",
-        "",
         "Which joint limits the controller itself keeps: position, speed, all, or none.",
     ),
-    Measure("period_ms", "T", "T", "ms", "Sampling period of the controller."),
-    Measure("gain", "K", "K", "1/s", "Gain of the controller: how fast an error decays."),
+    Measure("period_ms", "T", "Sampling period of the controller.", unit="ms"),
+    Measure("gain", "K", "Gain of the controller: how fast an error decays.", unit="1/s"),
     Measure(
         "assumed",
         "limits assumed",
-        "limits assumed",
-        "",
         "Which limits of the joints, a wrist's among them, no source gives; a careful value "
         "stands in.",
     ),
     Measure(
         "setup",
         "set up with",
-        "set up with",
-        "",
         "What neither scenario nor controller says by its name: another instrument, a recorded "
         "path of the tip or motion of the trocar, another null-space objective.",
     ),
     Measure(
         "errors_until_s",
         "rms until",
-        "rms until",
-        "s",
         "When the path ended, or reference or trocar last moved if that is later; rms and 95th "
         "percentile are of the time until then, so that rest is not averaged in.",
+        unit="s",
     ),
-    Measure("duration_s", "duration", "duration", "s", "Time of the last sampling instant."),
-    Measure("safe_stops", "stops", "cycles in the safe stop", "", "Cycles in the safe stop."),
+    Measure("duration_s", "duration", "Time of the last sampling instant.", unit="s"),
+    Measure("safe_stops", "stops", "Cycles in the safe stop.", long="cycles in the safe stop"),
     Measure(
         "limits_kept",
         "joint limits kept",
-        "joint limits kept",
-        "",
         "Whether no joint left its limits of position, speed, acceleration or jerk.",
     ),
-    Measure("joint_unit", "unit of joints", "unit of joints", "", "rad, or m if prismatic."),
-    Measure("digest", "digest", "digest", "", "SHA-256 of the run without its times."),
-    Measure("file", "file", "file", "", "Name of the run's file."),
-    Measure("failure", "failure", "failure", "", "Why there is no run; else empty."),
+    Measure("joint_unit", "unit of joints", "rad, or m if prismatic."),
+    Measure("digest", "digest", "SHA-256 of the run without its times."),
+    Measure("file", "file", "Name of the run's file."),
+    Measure("failure", "failure", "Why there is no run; else empty."),
 )
 
 _METRICS = (
@@ -153,20 +139,20 @@ _METRICS = (
     Measure(
         "lag_max_s",
         "lag max",
-        "lag of the tip",
-        "s",
         "How late the tip is on its path, whether it falls behind the reference or a governor "
         "slows the reference down.",
-        "max",
+        long="lag of the tip",
+        unit="s",
+        how="max",
     ),
     *(
         Measure(
             f"depth_{kind}_mm",
             f"depth {how}",
-            "depth of the tip",
-            "mm",
             "Insertion depth of the tip beyond the trocar.",
-            how,
+            long="depth of the tip",
+            unit="mm",
+            how=how,
             style=".1f",
             fixed=".1f",
         )
@@ -175,58 +161,54 @@ _METRICS = (
     Measure(
         "tilt_max_mrad",
         "tilt max",
-        "tilt of the shaft",
-        "mrad",
         "Angle of the shaft from the trocar's axis.",
-        "max",
+        long="tilt of the shaft",
+        unit="mrad",
+        how="max",
     ),
     Measure(
         "speed_ratio_max",
         "speed / limit",
-        "joint speed over its limit",
-        "",
         "Largest joint speed commanded over its limit; above 1, a limit is broken.",
-        "max",
+        long="joint speed over its limit",
+        how="max",
         fixed=".2f",
     ),
     Measure(
         "acceleration_ratio_max",
         "acc. / limit",
-        "joint acceleration over its limit",
-        "",
         "Largest change of a commanded joint speed from one cycle to the next, from rest at "
         "first, over the period and the limit; above 1, a limit is broken.",
-        "max",
+        long="joint acceleration over its limit",
+        how="max",
         fixed=".2f",
         nan="no limit",
     ),
     Measure(
         "jerk_ratio_max",
         "jerk / limit",
-        "joint jerk over its limit",
-        "",
         "Largest change of that change, over the period squared and the jerk limit; above 1, a "
         "limit is broken.",
-        "max",
+        long="joint jerk over its limit",
+        how="max",
         fixed=".2f",
         nan="no limit",
     ),
     Measure(
         "saturated_share",
         "saturated",
-        "share of cycles with a joint at its limit",
-        "",
         "Share of the cycles in which a joint is commanded at its limit of speed or of "
         "acceleration, or above.",
+        long="share of cycles with a joint at its limit",
     ),
     Measure(
         "limit_margin_min_rad",
         "margin to limits",
-        "margin to joint limits",
-        "rad",
         "Least distance of a joint from a position limit; negative outside. The margin of a "
         "prismatic joint counts in metres.",
-        "least",
+        long="margin to joint limits",
+        unit="rad",
+        how="least",
         fixed=".2f",
         nan="no limit",
         inf="no limit",
@@ -234,39 +216,38 @@ _METRICS = (
     Measure(
         "obstacle_distance_min_mm",
         "to obstacle",
-        "distance to an obstacle",
-        "mm",
         "Least distance of the instrument from an obstacle, from surface to surface; negative "
         "inside one; none if there is no obstacle.",
-        "least",
+        long="distance to an obstacle",
+        unit="mm",
+        how="least",
     ),
     Measure(
         "singular_value_min",
         "singular value, least",
-        "singular value",
-        "",
         "Least singular value of the effector's geometric Jacobian, in m and rad: near 0, some "
         "movement asks for very large joint speeds.",
-        "least",
+        long="singular value",
+        how="least",
         fixed=".3f",
     ),
     Measure(
         "tip_speed_rms_mm_s",
         "tip speed rms",
-        "tip speed asked for",
-        "mm/s",
         "Speed of the desired tip. Without feed-forward, the lag is this over K.",
-        "rms",
+        long="tip speed asked for",
+        unit="mm/s",
+        how="rms",
         fixed=".1f",
     ),
     *(
         Measure(
             f"solve_time_{kind}_us",
             head,
-            "controller step",
-            "us",
             f"Time that the controller took for a cycle, {how}, by the clock of this machine.",
-            how,
+            long="controller step",
+            unit="us",
+            how=how,
             fixed=".0f",
         )
         for kind, head, how in (("median", "step", "median"), ("p99", "step 99 %", "p99"))
@@ -274,26 +255,23 @@ _METRICS = (
     Measure(
         "reversals_in_a_row",
         "reversals in a row",
-        "cycles in a row in which a joint turns round",
-        "",
         "Most cycles in a row in which one joint changes its direction, at above 1 % of its speed "
         "limit.",
+        long="cycles in a row in which a joint turns round",
     ),
     Measure(
         "reversals",
         "cycles with a reversal",
-        "cycles in which a joint turns round",
-        "",
         "Cycles in which a joint changes its direction, at above 1 % of its speed limit.",
+        long="cycles in which a joint turns round",
     ),
     Measure(
         "step_ratio_max",
         "step of v / limit",
-        "step of a joint's speed over its limit",
-        "",
         "Largest change of a commanded joint speed from one cycle to the next, from rest at "
         "first, over the joint's speed limit.",
-        "max",
+        long="step of a joint's speed over its limit",
+        how="max",
     ),
 )
 
@@ -303,33 +281,31 @@ _AFTER_THE_STOP = tuple(
         Measure(
             "reference_end_s",
             "reference stops",
-            "reference stops",
-            "s",
             "When the reference stops, seen from the trocar.",
+            unit="s",
         ),
         Measure(
             "overshoot_max_mm",
             "overshoot",
-            "tip past its end",
-            "mm",
             "How far the tip goes past the place where reference and trocar have stopped.",
-            "max",
+            long="tip past its end",
+            unit="mm",
+            how="max",
         ),
         Measure(
             "settling_time_s",
             "below 1 mm after",
-            "tip below 1 mm for good, after",
-            "s",
             "From when the reference stops, seen from the trocar, until the tip error is below "
             "1 mm for good.",
+            long="tip below 1 mm for good, after",
+            unit="s",
         ),
         Measure(
             "swing_ratio_end",
             "swing at the end / limit",
-            "swing of a joint over its speed limit, at the end",
-            "",
             "Largest range of a commanded joint speed over the last second, over the joint's "
             "speed limit, after reference and trocar have stopped.",
+            long="swing of a joint over its speed limit, at the end",
         ),
     )
 )
@@ -341,8 +317,6 @@ _SMOOTHNESS = (
     Measure(
         "sparc",
         "SPARC",
-        "SPARC",
-        "",
         "Spectral arc length of the tip's speed (Balasubramanian et al. 2015): nearer to 0 is "
         "smoother, about -1.4 is the best.",
         fixed=".2f",
@@ -350,8 +324,6 @@ _SMOOTHNESS = (
     Measure(
         "ldlj",
         "LDLJ",
-        "LDLJ",
-        "",
         "Log dimensionless jerk of the tip's speed (Hogan and Sternad 2009): larger, nearer to 0, "
         "is smoother. Chatter shows in it that SPARC does not see.",
         fixed=".2f",
