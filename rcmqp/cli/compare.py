@@ -9,25 +9,7 @@ from typing import Annotated
 import typer
 
 from rcmqp.cli import console
-from rcmqp.cli.options import (
-    AccelerationOption,
-    AsJson,
-    Axis,
-    Cone,
-    Depth,
-    FlangeOption,
-    GovernorOption,
-    InstrumentOption,
-    JerkOption,
-    Jobs,
-    PlannerOption,
-    Tolerance,
-    Trocar,
-    instrument_of,
-    limits_of,
-    port_of,
-    scenario_changes,
-)
+from rcmqp.cli import options as ask
 from rcmqp.controllers.settings import controller_of, every_setting, registered, with_options
 from rcmqp.errors import ArmError, OptionError, UnknownName
 from rcmqp.files import absent
@@ -62,20 +44,20 @@ def compare(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
         "comparison"
     ),
-    flange: FlangeOption = None,
-    acceleration: AccelerationOption = None,
-    jerk: JerkOption = None,
-    instrument: InstrumentOption = None,
-    trocar: Trocar = None,
-    axis: Axis = None,
-    depth: Depth = None,
-    cone: Cone = None,
-    tolerance: Tolerance = None,
+    flange: ask.FlangeOption = None,
+    acceleration: ask.AccelerationOption = None,
+    jerk: ask.JerkOption = None,
+    instrument: ask.InstrumentOption = None,
+    trocar: ask.Trocar = None,
+    axis: ask.Axis = None,
+    depth: ask.Depth = None,
+    cone: ask.Cone = None,
+    tolerance: ask.Tolerance = None,
     period: Annotated[float | None, typer.Option(help="Sampling period T in s.")] = None,
     duration: Annotated[float | None, typer.Option(help="How long to simulate, in s.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of what is random.")] = None,
-    governor: GovernorOption = None,
-    planner_from: PlannerOption = None,
+    governor: ask.GovernorOption = None,
+    planner_from: ask.PlannerOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -84,8 +66,8 @@ def compare(
             help="An option, for each of the controllers that has it; may be repeated.",
         ),
     ] = None,
-    jobs: Jobs = 1,
-    as_json: AsJson = False,
+    jobs: ask.Jobs = 1,
+    as_json: ask.AsJson = False,
 ) -> None:
     """Run scenarios x arms x controllers and put the results in one table.
 
@@ -108,12 +90,12 @@ def compare(
     chosen = [registered(setting) for setting in controller or every_setting(fixed=given)]
     laws = with_options(chosen, given)
     changes = (
-        scenario_changes(
+        ask.scenario_changes(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
-        | limits_of(acceleration, jerk).given()
-        | instrument_of(instrument)
-        | port_of(trocar, axis, depth, cone, tolerance)
+        | ask.limits_of(acceleration, jerk).given()
+        | ask.instrument_of(instrument)
+        | ask.port_of(trocar, axis, depth, cone, tolerance)
     )
     files = [comparison.arm_and_flange(each) for each in arm or () if each not in arm_names()]
     for name, _ in files:

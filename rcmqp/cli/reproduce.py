@@ -8,18 +8,8 @@ from typing import Annotated
 import typer
 
 from rcmqp.cli import console
+from rcmqp.cli import options as ask
 from rcmqp.cli.console import say
-from rcmqp.cli.options import (
-    JOBS,
-    AsJson,
-    Axis,
-    Cone,
-    Depth,
-    InstrumentOption,
-    Tolerance,
-    Trocar,
-    port_of,
-)
 from rcmqp.cli.results import run_json
 from rcmqp.cli.study import OPERATORS, PRACTICE, SEED, reproduce_b
 from rcmqp.errors import OptionError, UnknownName
@@ -37,7 +27,7 @@ def reproduce(
     ] = None,
     operators: Annotated[int | None, OPERATORS] = None,
     seed: Annotated[int | None, SEED] = None,
-    jobs: Annotated[int | None, JOBS] = None,
+    jobs: Annotated[int | None, ask.JOBS] = None,
     factors: Annotated[
         bool,
         typer.Option(
@@ -46,14 +36,14 @@ def reproduce(
             "for each operator.",
         ),
     ] = False,
-    trocar: Trocar = None,
-    axis: Axis = None,
-    depth: Depth = None,
-    cone: Cone = None,
-    tolerance: Tolerance = None,
-    instrument: InstrumentOption = None,
+    trocar: ask.Trocar = None,
+    axis: ask.Axis = None,
+    depth: ask.Depth = None,
+    cone: ask.Cone = None,
+    tolerance: ask.Tolerance = None,
+    instrument: ask.InstrumentOption = None,
     practice: Annotated[float | None, PRACTICE] = None,
-    as_json: AsJson = False,
+    as_json: ask.AsJson = False,
 ) -> None:
     """Run the paper's experiments: runs, figures, table beside the paper's, report.
 
@@ -73,7 +63,7 @@ def reproduce(
     for option, value in idle.items():
         if value is not None:
             raise OptionError(f"{option} is not for experiment {experiment.lower()}")
-    port = port_of(trocar, axis, depth, cone, tolerance).get("port")
+    port = ask.port_of(trocar, axis, depth, cone, tolerance).get("port")
     if experiment.lower() == "b":
         people = 20 if operators is None else operators
         processes = 1 if jobs is None else jobs

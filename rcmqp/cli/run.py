@@ -10,24 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from rcmqp.cli import console
-from rcmqp.cli.options import (
-    AccelerationOption,
-    AsJson,
-    Axis,
-    Cone,
-    Depth,
-    FlangeOption,
-    GovernorOption,
-    InstrumentOption,
-    JerkOption,
-    PlannerOption,
-    Tolerance,
-    Trocar,
-    instrument_of,
-    limits_of,
-    port_of,
-    scenario_changes,
-)
+from rcmqp.cli import options as ask
 from rcmqp.cli.results import print_run
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import controller_of, options_of, registered
@@ -69,9 +52,9 @@ def run(
     file: Annotated[
         Path | None, typer.Option("--out", "-o", help="HDF5 file to write the run to.")
     ] = None,
-    flange: FlangeOption = None,
-    acceleration: AccelerationOption = None,
-    jerk: JerkOption = None,
+    flange: ask.FlangeOption = None,
+    acceleration: ask.AccelerationOption = None,
+    jerk: ask.JerkOption = None,
     path: Annotated[
         Path | None,
         typer.Option(
@@ -82,12 +65,12 @@ def run(
         Path | None,
         typer.Option("--motion", help="CSV of the trocar's: t [s], world x [mm], and so on."),
     ] = None,
-    instrument: InstrumentOption = None,
-    trocar: Trocar = None,
-    axis: Axis = None,
-    depth: Depth = None,
-    cone: Cone = None,
-    tolerance: Tolerance = None,
+    instrument: ask.InstrumentOption = None,
+    trocar: ask.Trocar = None,
+    axis: ask.Axis = None,
+    depth: ask.Depth = None,
+    cone: ask.Cone = None,
+    tolerance: ask.Tolerance = None,
     period: Annotated[
         float | None,
         typer.Option(help="Sampling period T in s; the scenario's, 0.001, without it."),
@@ -100,8 +83,8 @@ def run(
         typer.Option(help="How long to simulate, in s; the path keeps its own speed."),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
-    governor: GovernorOption = None,
-    planner_from: PlannerOption = None,
+    governor: ask.GovernorOption = None,
+    planner_from: ask.PlannerOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -110,7 +93,7 @@ def run(
             help="An option of the controller, such as feed_forward=true; may be repeated.",
         ),
     ] = None,
-    as_json: AsJson = False,
+    as_json: ask.AsJson = False,
 ) -> None:
     """Run a scenario and print its results.
 
@@ -140,12 +123,12 @@ def run(
             raise OptionError("the gain is given twice, by --gain and by --set gain")
         options["gain"] = gain
     given = (
-        scenario_changes(
+        ask.scenario_changes(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
-        | limits_of(acceleration, jerk).given()
-        | instrument_of(instrument)
-        | port_of(trocar, axis, depth, cone, tolerance)
+        | ask.limits_of(acceleration, jerk).given()
+        | ask.instrument_of(instrument)
+        | ask.port_of(trocar, axis, depth, cone, tolerance)
     )
     chosen = load_scenario(scenario, arm, flange=flange, **given)
     if path is not None:
@@ -209,7 +192,7 @@ def show(
         typer.Option(metavar="MM", help="Of the figures, such as 88 for a column."),
     ] = None,
     dpi: Annotated[float, typer.Option(help="Dots per inch of a PNG.")] = 160.0,
-    as_json: AsJson = False,
+    as_json: ask.AsJson = False,
 ) -> None:
     """Show what is in a run's file.
 

@@ -9,23 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rcmqp.cli import console
+from rcmqp.cli import options as ask
 from rcmqp.cli.console import say
-from rcmqp.cli.options import (
-    AccelerationOption,
-    Axis,
-    Cone,
-    Depth,
-    FlangeOption,
-    InstrumentOption,
-    JerkOption,
-    Jobs,
-    Tolerance,
-    Trocar,
-    instrument_of,
-    limits_of,
-    port_of,
-    scenario_changes,
-)
 from rcmqp.controllers.settings import controller_of, registered
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
@@ -82,17 +67,17 @@ def study(
         float | None,
         typer.Option(help="T in s; 0.008 for dual_quaternion, 0.001 for others, without it."),
     ] = None,
-    flange: FlangeOption = None,
-    acceleration: AccelerationOption = None,
-    jerk: JerkOption = None,
-    trocar: Trocar = None,
-    axis: Axis = None,
-    depth: Depth = None,
-    cone: Cone = None,
-    tolerance: Tolerance = None,
-    instrument: InstrumentOption = None,
+    flange: ask.FlangeOption = None,
+    acceleration: ask.AccelerationOption = None,
+    jerk: ask.JerkOption = None,
+    trocar: ask.Trocar = None,
+    axis: ask.Axis = None,
+    depth: ask.Depth = None,
+    cone: ask.Cone = None,
+    tolerance: ask.Tolerance = None,
+    instrument: ask.InstrumentOption = None,
     practice: Annotated[float | None, PRACTICE] = None,
-    jobs: Jobs = 1,
+    jobs: ask.Jobs = 1,
     folder: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for all files; study without it.")
     ] = None,
@@ -138,13 +123,13 @@ def study(
         _people(Path(scenario), operators or 0, seed, jobs, as_json)
         return
     operators = 20 if operators is None else operators
-    given = scenario_changes(None, period=period)
+    given = ask.scenario_changes(None, period=period)
     laws = [
         Law(name, options=tuple(options.items()), **given)
         for name, options in _settings(controller or ["dual_quaternion"], gain or [])
     ]
     arms = tuple(arm or [""])
-    limits = limits_of(acceleration, jerk)
+    limits = ask.limits_of(acceleration, jerk)
     learning = learning_of(practice)
     chosen = Study(
         scenario,
@@ -155,8 +140,8 @@ def study(
         flange,
         limits,
         learning,
-        **port_of(trocar, axis, depth, cone, tolerance),
-        **instrument_of(instrument),
+        **ask.port_of(trocar, axis, depth, cone, tolerance),
+        **ask.instrument_of(instrument),
     )
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder or STUDY, jobs=jobs, progress=advance)
@@ -201,7 +186,7 @@ def reproduce_b(
             factors=factors,
             learning=learning_of(practice),
             port=port,
-            **instrument_of(instrument),
+            **ask.instrument_of(instrument),
             progress=advance,
         )
     studies = [found.performed, *([found.factorial] if found.factorial else [])]

@@ -169,17 +169,16 @@ class Cycles:
         time: float | None = None,
         pivot: ArrayLike | None = None,
     ) -> None:
-        """Take a cycle.
+        """Take a cycle; see Recorder.append() for the arguments.
 
         Args:
             solve_time: how long the controller took [s].
-            diagnostics: of its answer; a number that is not there every time is NaN where it
-                is not.
+            diagnostics: of its answer.
             stop: why the controller stopped safely; empty where it did not.
             row: what ROW names, C-contiguous arrays of float64.
-            path_time: on the path's own clock [s]; the time, if not given.
-            time: when the cycle was [s]; one period after the last, if no cycle's is given.
-            pivot: (3,) trocar in the world [m]; where the scenario has it, if no cycle's is given.
+            path_time: on the path's own clock [s].
+            time: of the cycle [s].
+            pivot: (3,) trocar in the world [m].
         """
         _kernel.store(self._table, len(self._times), *row)
         self._times.append(solve_time)

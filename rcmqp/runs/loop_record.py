@@ -211,19 +211,7 @@ class LoopRecorder:
         stop: str,
         solve_time: float,
     ) -> None:
-        """Take a cycle; see CycleRecorder. It never raises.
-
-        Args:
-            due: when the cycle was due [s].
-            began: when it began [s].
-            sent: when its command had been sent [s].
-            reading: q (nq,) and v (nv,) [rad/s].
-            asked: pose x_d (8,), trocar (3,) [m], time of the reference [s].
-            v: (nv,) the velocity sent [rad/s].
-            diagnostics: of the controller's answer.
-            stop: why the joints braked; empty where they did not.
-            solve_time: of the controller [s]; NaN if it was not asked.
-        """
+        """Take a cycle; see CycleRecorder.add() for the arguments. It never raises."""
         if self._fault:
             return
         try:
