@@ -59,8 +59,8 @@ def sweep(folder: Path) -> int:
     Part files of other hosts stay: whether their processes run cannot be seen from here.
     """
     mine = re.compile(rf"\..*@{re.escape(_host())}@(\d+)-\d+\.part(\.\w+)?")
-    found = ((file, mine.fullmatch(file.name)) for file in folder.glob(".*.part*"))
-    left = [file for file, match in found if match and not _runs(int(match[1]))]
+    parts = ((file, mine.fullmatch(file.name)) for file in folder.glob(".*.part*"))
+    left = [file for file, match in parts if match and not _runs(int(match[1]))]
     for file in left:
         file.unlink(missing_ok=True)
     return len(left)

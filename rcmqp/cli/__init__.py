@@ -113,10 +113,10 @@ def _where_to_report() -> str:
         urls = importlib.metadata.metadata("rcmqp").get_all("Project-URL") or []
     except importlib.metadata.PackageNotFoundError:
         urls = []
-    found = [
+    addresses = [
         address for name, _, address in (url.partition(",") for url in urls) if name == "Issues"
     ]
-    return f"at {found[0].strip()}" if found else "to whom you have rcmqp from"
+    return f"at {addresses[0].strip()}" if addresses else "to whom you have rcmqp from"
 
 
 def run_file(file: str) -> None:

@@ -33,7 +33,7 @@ def hands(
     """
     from rcmqp.experiments.study.hands import compare_hands  # SciPy and joblib take long to import
 
-    found = compare_hands(
+    comparison = compare_hands(
         recordings,
         folder,
         scale=scale,
@@ -41,6 +41,6 @@ def hands(
         seed=seed,
         learning=learning_of(practice),
     )
-    say(found.table)
-    for path in found.files:
+    say(comparison.table)
+    for path in comparison.files:
         print_written(path)

@@ -89,13 +89,13 @@ def controllers(
 
 def _usable(names: Iterable[str], load: Callable[[str], T]) -> dict[str, T]:
     """Load all names that can be loaded; print on stderr which plug-ins cannot."""
-    found = {}
+    loaded = {}
     for name in names:
         try:
-            found[name] = load(name)
+            loaded[name] = load(name)
         except PluginError as error:
             console.err.print(f"left out: {error}", markup=False, highlight=False)
-    return found
+    return loaded
 
 
 def _text(value: Any) -> str:

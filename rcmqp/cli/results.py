@@ -77,20 +77,20 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
     head = run.head
     period, trocar = head.scenario.period, head.scenario.trocar
     below, above = trocar.depth_range
-    found = []
+    texts = []
     for reason, cycles in head.stops.items():
-        found.append(
+        texts.append(
             f"the controller stopped safely in {len(cycles)} of {run.column('time').shape[0]} "
             f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
         )
     if metrics.speed_ratio_max > 1.0 + ROUNDING:
         _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
         ratio, more = metrics.speed_ratio_max, _uncounted(head, "speed")
-        found.append(f"{where} was asked for {ratio:.3g} times its speed limit{more}")
+        texts.append(f"{where} was asked for {ratio:.3g} times its speed limit{more}")
     for kind in ("acceleration", "jerk"):
         if (ratio := getattr(metrics, f"{kind}_ratio_max")) > 1.0 + ROUNDING:
             assumed = "assumed " if kind in head.assumed else ""
-            found.append(
+            texts.append(
                 f"the joints were asked for up to {ratio:.3g} times their {assumed}{kind} limits"
                 + _uncounted(head, kind)
             )
@@ -98,36 +98,36 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
         joint, where = _where(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
         )
-        found.append(
+        texts.append(
             f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} "
             f"{joint_units(head)[joint]}; start elsewhere, or try --set "
             "objective=joint_centring or --set K_c=0"
         )
     if metrics.rcm_max_mm > RCM_WARNING_MM:
-        found.append(f"the RCM error reached {metrics.rcm_max_mm:.3g} mm")
+        texts.append(f"the RCM error reached {metrics.rcm_max_mm:.3g} mm")
     if metrics.depth_min_mm < 1e3 * below or metrics.depth_max_mm > 1e3 * above:
-        found.append(
+        texts.append(
             f"the tip went from {metrics.depth_min_mm:.1f} to {metrics.depth_max_mm:.1f} mm, the "
             f"trocar allows {1e3 * below:.1f} to {1e3 * above:.1f} mm"
         )
     if 1e-3 * metrics.tilt_max_mrad > trocar.cone_half_angle:
-        found.append(
+        texts.append(
             f"the shaft tilted by {math.degrees(1e-3 * metrics.tilt_max_mrad):.1f} deg, the cone "
             f"allows {math.degrees(trocar.cone_half_angle):.1f} deg"
         )
     inside = -metrics.obstacle_distance_min_mm
     if inside > OBSTACLE_WARNING_MM:
-        found.append(f"the instrument went {inside:.3g} mm into an obstacle")
+        texts.append(f"the instrument went {inside:.3g} mm into an obstacle")
     if metrics.reversals_in_a_row > REVERSALS_WARNING:
-        found.append(
+        texts.append(
             f"a joint turned round in {metrics.reversals_in_a_row:.0f} cycles in a row: the "
             "controller rattles"
         )
-    found += recording_remarks(head.scenario)
+    texts += recording_remarks(head.scenario)
     gain = float(head.options.get("gain", 0.0)) * period
     if gain > 1.0:
-        found.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")
-    return found
+        texts.append(f"gain * period = {gain:.3g}: above 1 the law overshoots")
+    return texts
 
 
 def _uncounted(head: Head, limit: str) -> str:

@@ -154,13 +154,13 @@ def _settings(
     controllers: Sequence[str], gains: Sequence[float]
 ) -> list[tuple[str, dict[str, Any]]]:
     """Name and options of each controller, once with each gain."""
-    made = [controller_of(registered(setting)) for setting in controllers]
-    for name, options in made:
+    laws = [controller_of(registered(setting)) for setting in controllers]
+    for name, options in laws:
         if gains and "gain" in options:
             raise OptionError(f"the gain of {name} is given twice, by --gain and by -c")
     if not gains:
-        return made
-    return [(name, options | {"gain": k}) for name, options in made for k in gains]
+        return laws
+    return [(name, options | {"gain": k}) for name, options in laws for k in gains]
 
 
 def reproduce_b(
@@ -178,7 +178,7 @@ def reproduce_b(
     from rcmqp.experiments.study import experiment_b  # joblib and SciPy take long to import
 
     with console.bar(quiet=as_json) as advance:
-        found = experiment_b.reproduce_b(
+        experiment = experiment_b.reproduce_b(
             folder,
             operators=operators,
             seed=seed,
@@ -189,11 +189,11 @@ def reproduce_b(
             **ask.instrument_of(instrument),
             progress=advance,
         )
-    studies = [found.performed, *([found.factorial] if found.factorial else [])]
+    studies = [experiment.performed, *([experiment.factorial] if experiment.factorial else [])]
     outcomes = [outcome for each in studies for outcome in each.outcomes]
     notes = [note for each in studies for note in each.notes]
-    texts = [found.table, *([found.factor_table] if found.factorial else [])]
-    _print(outcomes, notes, texts, found.files, as_json)
+    texts = [experiment.table, *([experiment.factor_table] if experiment.factorial else [])]
+    _print(outcomes, notes, texts, experiment.files, as_json)
 
 
 def learning_of(practice: float | None) -> Learning | None:
@@ -207,12 +207,12 @@ def _people(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -
     from rcmqp.experiments.trial.results import read_results
 
     with console.bar(quiet=as_json) as advance:
-        found = read_results(folder, operators=operators, seed=seed, jobs=jobs, progress=advance)
-    text, files = write_results(found)
-    files.append(write_figures(found))
-    drawn = found.simulated
-    outcomes = [*found.outcomes, *(drawn.outcomes if drawn else [])]
-    notes = [*found.remarks, *(drawn.notes if drawn else [])]
+        results = read_results(folder, operators=operators, seed=seed, jobs=jobs, progress=advance)
+    text, files = write_results(results)
+    files.append(write_figures(results))
+    drawn = results.simulated
+    outcomes = [*results.outcomes, *(drawn.outcomes if drawn else [])]
+    notes = [*results.remarks, *(drawn.notes if drawn else [])]
     _print(outcomes, notes, [text], files, as_json)
 
 

@@ -82,20 +82,20 @@ class Given:
         """
         data = json.loads(text)
         limits = data.pop("limits")
-        found = cls(**data, limits=None if limits is None else tuple(limits))
-        for name, value in (("feed_forward", found.feed_forward), ("roll", found.roll)):
+        given = cls(**data, limits=None if limits is None else tuple(limits))
+        for name, value in (("feed_forward", given.feed_forward), ("roll", given.roll)):
             if not (value is None or isinstance(value, bool)):
                 raise ValueError(f"{name} = {value!r:.50} must be true or false")
-        if unknown := set(found.limits or ()) - set(JOINT_LIMITS):
+        if unknown := set(given.limits or ()) - set(JOINT_LIMITS):
             raise ValueError(f"limits: {sorted(unknown)[0]!r:.50} is none of {JOINT_LIMITS}")
-        for name, text in (("way", found.way), ("objective", found.objective)):
+        for name, text in (("way", given.way), ("objective", given.objective)):
             if not isinstance(text, str) or len(text) > 1000:
                 raise ValueError(f"{name} must be a text of 1000 letters at most")
-        if not isinstance(found.file, str) or not LAW_FILE.fullmatch(found.file):
-            raise ValueError(f"file = {found.file!r:.50} must be FILE.py:CLASS")
-        if type(found.gain) not in (int, float, type(None)):
-            raise ValueError(f"gain = {found.gain!r:.50} must be a number")
-        return found
+        if not isinstance(given.file, str) or not LAW_FILE.fullmatch(given.file):
+            raise ValueError(f"file = {given.file!r:.50} must be FILE.py:CLASS")
+        if type(given.gain) not in (int, float, type(None)):
+            raise ValueError(f"gain = {given.gain!r:.50} must be a number")
+        return given
 
 
 UNKNOWN = Given()

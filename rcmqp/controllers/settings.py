@@ -33,20 +33,20 @@ def registered(setting: str) -> str:
             class has the name of another controller.
         UnknownName: the file has no such class.
     """
-    found = FILE_SETTING.fullmatch(setting)
-    if found is None:
+    match = FILE_SETTING.fullmatch(setting)
+    if match is None:
         return setting
-    module = module_of_file(found["file"])
-    kind = _controller(module, found["file"], found["name"])
+    module = module_of_file(match["file"])
+    kind = _controller(module, match["file"], match["name"])
     if CONTROLLERS.get(kind.name, kind) is not kind:
         raise OptionError(
-            f"{found['file']}: {kind.__name__} is named {kind.name!r}, as a controller that is "
+            f"{match['file']}: {kind.__name__} is named {kind.name!r}, as a controller that is "
             "there already; give the class another name"
         )
-    file = f"{Path(found['file']).name}:{kind.__name__}"
+    file = f"{Path(match['file']).name}:{kind.__name__}"
     kind.law_file = file if LAW_FILE.fullmatch(file) else ""
     CONTROLLERS[kind.name] = kind
-    return f"{kind.name}{found['options'] or ''}"
+    return f"{kind.name}{match['options'] or ''}"
 
 
 def _controller(module: ModuleType, file: str, name: str | None) -> type[Controller]:
@@ -98,14 +98,14 @@ def every_setting(fixed: Sequence[str] = ()) -> list[str]:
         fixed: NAME=VALUE texts; an option in them is not a switch.
     """
     named = {text.partition("=")[0] for text in fixed}
-    found = []
+    settings = []
     for name in CONTROLLERS:
         known = controller_options(name).keys() - named
         switches = [f"{option}={value}" for option, value in SWITCHES.items() if option in known]
         for count in range(len(switches) + 1):
             for chosen in itertools.combinations(switches, count):
-                found.append(f"{name}:{','.join(chosen)}" if chosen else name)
-    return found
+                settings.append(f"{name}:{','.join(chosen)}" if chosen else name)
+    return settings
 
 
 def with_options(settings: Sequence[str], more: Sequence[str]) -> list[str]:
@@ -120,13 +120,13 @@ def with_options(settings: Sequence[str], more: Sequence[str]) -> list[str]:
         if not any(name in options for options in known):
             laws = ", ".join(dict.fromkeys(controller_of(setting)[0] for setting in settings))
             raise UnknownName(f"option of {laws}", name, {x for each in known for x in each})
-    found = []
+    complete = []
     for setting, options in zip(settings, known, strict=True):
         name, _, given = setting.partition(":")
         own = [text for text in more if text.partition("=")[0] in options]
         every = ",".join(filter(None, [given, *own]))
-        found.append(f"{name}:{every}" if every else name)
-    return found
+        complete.append(f"{name}:{every}" if every else name)
+    return complete
 
 
 def options_of(controller: str, settings: Sequence[str]) -> dict[str, Any]:

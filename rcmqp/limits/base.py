@@ -64,9 +64,9 @@ class Constraint:
             or low.shape != up.shape
             or rows.shape != most.shape + low.shape
         ):
-            found = np.shape(lower), np.shape(upper), np.shape(C), np.shape(d)
+            shapes = np.shape(lower), np.shape(upper), np.shape(C), np.shape(d)
             raise InvalidProblem(
-                f"lower, upper, C and d have shapes {found}; they must be (nv,), (nv,), (m, nv) "
+                f"lower, upper, C and d have shapes {shapes}; they must be (nv,), (nv,), (m, nv) "
                 "and (m,)"
             )
         names = tuple(names)
@@ -134,14 +134,16 @@ class Limit(abc.ABC):
         """
         kind, n = type(self).__name__, state.angles.size
         try:
-            found = self.evaluate(state, reference)
+            constraint = self.evaluate(state, reference)
         except InvalidProblem as error:
             raise InvalidProblem(f"{kind}: {error}") from error
-        if not isinstance(found, Constraint):
-            raise InvalidProblem(f"{kind}.evaluate() returned {found!r}, it must be a Constraint")
-        if found.lower.size != n:
-            raise InvalidProblem(f"{kind} is for {found.lower.size} joints, the arm has {n}")
-        return found
+        if not isinstance(constraint, Constraint):
+            raise InvalidProblem(
+                f"{kind}.evaluate() returned {constraint!r}, it must be a Constraint"
+            )
+        if constraint.lower.size != n:
+            raise InvalidProblem(f"{kind} is for {constraint.lower.size} joints, the arm has {n}")
+        return constraint
 
     def __getstate__(self) -> dict[str, Any]:
         """Return only the options; what is computed from them is computed again."""
@@ -277,15 +279,15 @@ def combine(
     """
     n = state.angles.size
     lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
-    found = [limit.constraint(state, reference) for limit in limits]
-    for constraint in found:
+    constraints = [limit.constraint(state, reference) for limit in limits]
+    for constraint in constraints:
         lower, upper = intersect(lower, upper, constraint.lower, constraint.upper)
-    rows = [name for constraint in found for name in constraint.names]
+    rows = [name for constraint in constraints for name in constraint.names]
     return Bounds(
         lower,
         upper,
-        np.vstack([np.zeros((0, n)), *(constraint.C for constraint in found)]),
-        np.concatenate([np.zeros(0), *(constraint.d for constraint in found)]),
+        np.vstack([np.zeros((0, n)), *(constraint.C for constraint in constraints)]),
+        np.concatenate([np.zeros(0), *(constraint.d for constraint in constraints)]),
         (*(joints or [f"v[{i}]" for i in range(n)]), *rows),
     )
 

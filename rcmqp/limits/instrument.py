@@ -138,11 +138,11 @@ class KeepOut(SphereLimit):
     @classmethod
     def obstacles(cls, insertion: Insertion, **options: Any) -> tuple[Self, ...]:
         """One limit for each obstacle of an insertion, for tip and shaft."""
-        made = []
+        limits = []
         for i, sphere in enumerate(insertion.obstacles, start=1):
             given = {"centre": sphere.centre, "radius": sphere.radius, "label": f"obstacle {i}"}
-            made.append(cls(**filled_in(cls, insertion, given | options)))
-        return tuple(made)
+            limits.append(cls(**filled_in(cls, insertion, given | options)))
+        return tuple(limits)
 
     @functools.cached_property
     def block(self) -> Block:

@@ -156,10 +156,10 @@ class Hierarchy:
 
     def guess(self, shape: tuple[int, int]) -> Array:
         """(levels + 1, n + m) the active set found last, where one was needed."""
-        found = self._guesses.get(shape)
-        if found is None:
-            found = self._guesses[shape] = np.zeros(shape)
-        return found
+        guess = self._guesses.get(shape)
+        if guess is None:
+            guess = self._guesses[shape] = np.zeros(shape)
+        return guess
 
     @property
     def asks(self) -> Callable[..., Array] | None:
@@ -219,13 +219,13 @@ def propose(
     )
     z = np.zeros(len(R))
     try:
-        found = solver.solve(qp)
+        solution = solver.solve(qp)
     except Exception:  # noqa: BLE001  (a proposal that is not made is one that failed)
         return Status.STOPPED, z
-    if found.status is not Status.SOLVED or not np.isfinite(found.v).all():
+    if solution.status is not Status.SOLVED or not np.isfinite(solution.v).all():
         return Status.STOPPED, z
     split = int(up.sum())
-    z[up] += found.z[:split]
-    z[low] -= found.z[split:]
+    z[up] += solution.z[:split]
+    z[low] -= solution.z[split:]
     z[~np.isfinite(z)] = 0.0
     return Status.SOLVED, z

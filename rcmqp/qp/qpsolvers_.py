@@ -53,12 +53,12 @@ class ThroughQpsolvers:
         if not (qp.A.size or np.isfinite(qp.d).any() or np.isfinite([qp.lb, qp.ub]).any()):
             return self._unconstrained(qp, start)
         try:
-            found = self._call(qp)
+            solution = self._call(qp)
         except (QPError, ValueError, ArithmeticError, RuntimeError) as error:
             elapsed = time.perf_counter() - start
             return QPSolution.failed(qp, Status.STOPPED, elapsed, f"{self.name}: {error}")
         elapsed = time.perf_counter() - start
-        if not found.found or found.x is None:
+        if not solution.found or solution.x is None:
             return QPSolution.failed(qp, Status.STOPPED, elapsed, f"{self.name}: not found")
 
         def multipliers(value: Any, size: int) -> Any:
@@ -66,12 +66,12 @@ class ThroughQpsolvers:
 
         n = qp.g.size
         z = np.zeros(qp.d.size)
-        z[np.isfinite(qp.d)] = multipliers(found.z, int(np.isfinite(qp.d).sum()))
+        z[np.isfinite(qp.d)] = multipliers(solution.z, int(np.isfinite(qp.d).sum()))
         return QPSolution(
-            np.array(found.x, dtype=float),
-            multipliers(found.y, qp.b.size),
+            np.array(solution.x, dtype=float),
+            multipliers(solution.y, qp.b.size),
             z,
-            multipliers(found.z_box, n),
+            multipliers(solution.z_box, n),
             Status.SOLVED,
             elapsed,
         )

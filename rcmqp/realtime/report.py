@@ -226,12 +226,12 @@ class LoopReport:
             [delays.total - delays.above(bound) for bound in BOUNDS]
             for delays in (self.wake, self.answer)
         ]
-        found = []
+        rows = []
         for k, label in enumerate(labels):
             counts = [column[k] - (column[k - 1] if k else 0) for column in columns]
-            found.append((label, str(counts[0]), str(counts[1])))
+            rows.append((label, str(counts[0]), str(counts[1])))
         rest = [str(delays.above(BOUNDS[-1])) for delays in (self.wake, self.answer)]
-        return [*found, (f"above {_time(BOUNDS[-1])}", rest[0], rest[1])]
+        return [*rows, (f"above {_time(BOUNDS[-1])}", rest[0], rest[1])]
 
     def tables(self) -> list[Table]:
         """The table of counts, and the histogram."""

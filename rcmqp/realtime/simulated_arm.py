@@ -292,21 +292,21 @@ def _serve(
 
 def _drain(udp: socket.socket, door: Door) -> int:
     """Take what has come from the controller's address; how many packets."""
-    found = _arrived(udp)
-    for packet in found:
+    packets = _arrived(udp)
+    for packet in packets:
         door.take(packet)
-    return len(found)
+    return len(packets)
 
 
 def _arrived(udp: socket.socket) -> list[bytes]:
     """Packets that have come, AT_ONCE at most: a flood must not hold up the joints."""
-    found = list[bytes]()
+    packets = list[bytes]()
     try:
-        while len(found) < AT_ONCE:
-            found.append(udp.recv(4096))
+        while len(packets) < AT_ONCE:
+            packets.append(udp.recv(4096))
     except OSError:  # no more, or nobody there any more
         pass
-    return found
+    return packets
 
 
 if __name__ == "__main__":

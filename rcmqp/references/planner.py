@@ -90,16 +90,16 @@ class Planner:
         that is not a pose or not finite, such as that of a trocar that was not seen, is returned
         unchanged, so that the controller stops; the next one continues from where the last was.
         """
-        found = self._approach(reference, self._x)
-        begins = found.moved and found.left == self.points
+        part = self._approach(reference, self._x)
+        begins = part.moved and part.left == self.points
         if begins and x is not None and np.isfinite(x := np.asarray(x, dtype=float)).all():
             carried_back = dq.from_translation(self._pivot - reference.pivot)
-            found = self._approach(reference, dq.mul(carried_back, x))
-        self._x, self._target, self._left = found.x, found.target, found.left
-        if not found.moved:
+            part = self._approach(reference, dq.mul(carried_back, x))
+        self._x, self._target, self._left = part.x, part.target, part.left
+        if not part.moved:
             return reference
         rest = reference.pivot, reference.pivot_dot
-        return _kernel.record(Reference, found.x_d, found.x_d_dot, *rest)
+        return _kernel.record(Reference, part.x_d, part.x_d_dot, *rest)
 
     def _approach(self, reference: Reference, x: Array) -> Part:
         """One part of the way from x (8,), as seen from the trocar; see step()."""

@@ -144,9 +144,9 @@ class _Columns:
 
 
 def _columns(path: str, head: Sequence[str], scale: float) -> _Columns:
-    found = [COLUMN.fullmatch(name.lower()) for name in head]
+    columns = [COLUMN.fullmatch(name.lower()) for name in head]
     at: dict[str, int] = {}
-    for i, each in enumerate(found):
+    for i, each in enumerate(columns):
         if each is not None:
             name = each["name"][0]
             if name in at:
@@ -163,7 +163,7 @@ def _columns(path: str, head: Sequence[str], scale: float) -> _Columns:
             f"{path} has no column {', '.join(missing)}, but {', '.join(head)[:200]}; its first "
             f"line must name them: {HEAD}"
         )
-    t, *axes = (found[at[name]] for name in "txyz")
+    t, *axes = (columns[at[name]] for name in "txyz")
     assert t is not None
     clock, units = t["unit"] or "s", {each["unit"] or "" for each in axes if each is not None}
     if clock not in CLOCKS or len(units) > 1 or not units <= {*UNITS, ""}:
@@ -208,9 +208,9 @@ def _numbers(path: str, rows: Sequence[Sequence[str]], at: Sequence[int]) -> Arr
         try:
             table[k] = [float(row[i]) for i in at]
         except (ValueError, IndexError) as error:
-            said = ", ".join(row)[:100]
+            cells = ", ".join(row)[:100]
             raise OptionError(
-                f"{path}: sample {k + 1}, {said!r}, is not {len(at)} numbers"
+                f"{path}: sample {k + 1}, {cells!r}, is not {len(at)} numbers"
             ) from error
     if not np.isfinite(table).all():
         k = int(np.argmin(np.isfinite(table).all(axis=1)))

@@ -108,7 +108,7 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command: the view and its rates.
         pivot_dot: (3,) velocity of the trocar [m/s]; the reference moves with it.
     """
-    found = _kernel.view_pose(
+    pose = _kernel.view_pose(
         x_rcm,
         command.alpha,
         command.beta,
@@ -120,12 +120,12 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command.t_z_dot,
         pivot_dot,
     )
-    if found is None:
+    if pose is None:
         raise InvalidCommand(
             f"x_rcm has shape {np.shape(x_rcm)} and pivot_dot {np.shape(pivot_dot)}, they must be "
             "(8,) and (3,)"
         )
-    return _kernel.record(Reference, *found)
+    return _kernel.record(Reference, *pose)
 
 
 def carried(x: Array, offset: Array) -> Array:

@@ -92,9 +92,9 @@ class Derived:
         before = x[:1] if self._x is None else self._x
         chain = np.concatenate([before, x])
         same = np.sum(chain[1:, :4] * chain[:-1, :4], axis=1) >= 0.0
-        found = np.cumprod(np.where(same, 1.0, -1.0))[:, None] * x
-        self._x = found[-1:]
-        return np.asarray(found)
+        poses = np.cumprod(np.where(same, 1.0, -1.0))[:, None] * x
+        self._x = poses[-1:]
+        return np.asarray(poses)
 
 
 ROW = (*(name for name, channel in CHANNELS.items() if channel.source == "cycle"), "J")

@@ -108,10 +108,10 @@ class Head:
         if self.assumed:
             sha.update(json.dumps(tuple(self.assumed)).encode())
         if self.given != UNKNOWN:
-            said = json.loads(self.given.to_json())
+            given = json.loads(self.given.to_json())
             for name in ("roll", "objective", "file"):  # of which earlier versions did not speak
-                del said[name]
-            sha.update(json.dumps(said).encode())
+                del given[name]
+            sha.update(json.dumps(given).encode())
         return sha.hexdigest()
 
     def is_of(self, scenario: Scenario, controller: Named) -> bool:

@@ -266,8 +266,8 @@ def obstacle_distance(run: Run) -> Array:
         ends = [*joints.swapaxes(0, 1), run.tip]
         pieces = [(ends[0], ends[0] - (instrument.length + wrist.joints[0].along) * shaft)]
         pieces += [(ends[k + 1], ends[k]) for k, length in enumerate(wrist.pieces) if length > 0.0]
-    found = [clearance(tip, mount, sphere) for tip, mount in pieces for sphere in obstacles]
-    return np.asarray(np.min(found, axis=0) - instrument.radius)
+    distances = [clearance(tip, mount, sphere) for tip, mount in pieces for sphere in obstacles]
+    return np.asarray(np.min(distances, axis=0) - instrument.radius)
 
 
 def _rows_asked(scenario: Scenario, stop: Standstill) -> int:

@@ -259,8 +259,8 @@ class Run(Channels):
         about_diagnostics = {}
         for name in names:
             with reading(path, f"diagnostics/{name}"):
-                said = file["diagnostics"][name].attrs
-                unit, meaning = (text(path, name, said[key]) for key in ("unit", "meaning"))
+                attributes = file["diagnostics"][name].attrs
+                unit, meaning = (text(path, name, attributes[key]) for key in ("unit", "meaning"))
                 about_diagnostics[name] = (unit, meaning)
         return cls(
             scenario=head.scenario,
@@ -324,11 +324,11 @@ def _check_shapes(path: Path, file: h5py.File, head: Head) -> None:
 
 def within(stops: Mapping[str, Sequence[int]], rows: slice) -> dict[str, list[int]]:
     """The stops of a run in some rows, counted from the first of these rows."""
-    found = {
+    inside = {
         reason: [k - rows.start for k in cycles if rows.start <= k < rows.stop]
         for reason, cycles in stops.items()
     }
-    return {reason: cycles for reason, cycles in found.items() if cycles}
+    return {reason: cycles for reason, cycles in inside.items() if cycles}
 
 
 def stored_channel(file: h5py.File, name: str) -> StoredRows:

@@ -95,8 +95,10 @@ def read(text: str, make: Callable[..., Scenario]) -> Scenario:
     except RcmqpError:
         raise
     except Exception as error:  # a damaged text can make Python raise almost any
-        said = f"{type(error).__name__}: {error}"
-        raise OptionError(f"this is not a scenario: {shortened(said, 300)} (in {part})") from error
+        reason = f"{type(error).__name__}: {error}"
+        raise OptionError(
+            f"this is not a scenario: {shortened(reason, 300)} (in {part})"
+        ) from error
 
 
 def _leave_out_straight(instrument: dict[str, Any]) -> None:

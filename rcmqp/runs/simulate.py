@@ -137,8 +137,8 @@ def parts(
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide a run's numbers."""
-    found = {name: importlib.metadata.version(name) for name in PACKAGES}
-    return {"python": platform.python_version(), **found}
+    installed = {name: importlib.metadata.version(name) for name in PACKAGES}
+    return {"python": platform.python_version(), **installed}
 
 
 def _checked(answer: Command, name: str, nv: int, t: float) -> Array:
@@ -166,8 +166,8 @@ def _check_possible(first: Command) -> None:
     """
     error = first.error
     if error is not None:
-        said = str(error) if isinstance(error, InvalidProblem) else first.stop
-        raise InvalidProblem(f"the controller cannot make a single step: {said}") from error
+        reason = str(error) if isinstance(error, InvalidProblem) else first.stop
+        raise InvalidProblem(f"the controller cannot make a single step: {reason}") from error
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:

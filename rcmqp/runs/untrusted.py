@@ -82,9 +82,9 @@ def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
     except RunFileError:
         raise
     except Exception as error:
-        told = str(error) if isinstance(error, RcmqpError | OSError) else _said(error)
+        reason = str(error) if isinstance(error, RcmqpError | OSError) else _said(error)
         raise RunFileError(
-            Path(path), f"{DAMAGED}, the run must be made again: {part}: {shortened(told, 500)}"
+            Path(path), f"{DAMAGED}, the run must be made again: {part}: {shortened(reason, 500)}"
         ) from error
 
 
@@ -119,10 +119,10 @@ class StoredRows:
 
     def __getitem__(self, rows: Any, /) -> Any:
         with reading(self._dataset.file.filename, self._dataset.name.lstrip("/")):
-            found = self._dataset[rows]
+            values = self._dataset[rows]
             if self._allow != "anything":
-                self._check(found)
-            return found
+                self._check(values)
+            return values
 
     def _check(self, found: Any) -> None:
         """Check that numbers are possible for an arm."""
@@ -309,7 +309,7 @@ def json_of(path: Path, name: str, value: str, kind: type) -> Any:
         RunFileError: it is not JSON, or of another kind.
     """
     with reading(path, name):
-        found = json.loads(value)
-        if not isinstance(found, kind):
-            raise RunFileError(path, f"damaged: {name} is a {type(found).__name__} in JSON")
-        return found
+        data = json.loads(value)
+        if not isinstance(data, kind):
+            raise RunFileError(path, f"damaged: {name} is a {type(data).__name__} in JSON")
+        return data

@@ -216,17 +216,17 @@ LIMITS = (
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """Sentences that explain why the rows of controllers differ."""
-    made = [row for row in rows if not row.failure]
-    found = []
-    if {"yes", "no"} <= {row.feed_forward for row in made}:
-        found.append(FEED_FORWARD)
-    if {"yes", "no"} <= {row.roll for row in made}:
-        found.append(ROLL)
-    uncounted = any(not row.limits_kept and row.limits_enforced != "all" for row in made)
-    if uncounted or len({row.limits_enforced for row in made}) > 1:
-        found.append(LIMITS)
-    laws = dict.fromkeys(row.controller.partition(",")[0] for row in made)
-    return found + [f"{law}: {remark}" for law in laws if (remark := _remark(law))]
+    done = [row for row in rows if not row.failure]
+    texts = []
+    if {"yes", "no"} <= {row.feed_forward for row in done}:
+        texts.append(FEED_FORWARD)
+    if {"yes", "no"} <= {row.roll for row in done}:
+        texts.append(ROLL)
+    uncounted = any(not row.limits_kept and row.limits_enforced != "all" for row in done)
+    if uncounted or len({row.limits_enforced for row in done}) > 1:
+        texts.append(LIMITS)
+    laws = dict.fromkeys(row.controller.partition(",")[0] for row in done)
+    return texts + [f"{law}: {remark}" for law in laws if (remark := _remark(law))]
 
 
 def _remark(law: str) -> str:

@@ -222,13 +222,13 @@ def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
 
 
 def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
-    desired, found = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
+    desired, reached = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
     for k in np.linspace(0, len(run.time) - 1, SHAFTS).astype(int):
-        axes.plot(*np.column_stack([np.zeros(3), found[k]]), color="0.6", linewidth=0.8)
+        axes.plot(*np.column_stack([np.zeros(3), reached[k]]), color="0.6", linewidth=0.8)
     axes.plot(*desired.T, color="0.75", linewidth=2.8, label="desired tip")
-    axes.plot(*found.T, color=colour, linewidth=1.2, label="tip")
+    axes.plot(*reached.T, color=colour, linewidth=1.2, label="tip")
     axes.scatter([0.0], [0.0], [0.0], color="black", s=30, label="trocar", depthshade=False)
-    drawn = np.vstack([desired, found])
+    drawn = np.vstack([desired, reached])
     deep = float(np.nanmax(drawn[:, 2]))
     half = max(0.3 * deep, float(np.nanmax(np.abs(drawn[:, :2]))))
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(deep, 0.0))

@@ -151,7 +151,7 @@ class Table:
 
         def made(rows: Iterable[Sequence[str]]) -> Table:
             heads, *others = ([escape(printable(text)) for text in row] for row in rows)
-            found = Table(
+            narrow = Table(
                 Column(heads[0], no_wrap=True),
                 *(Column(head, overflow="fold") for head in heads[1:]),
                 box=box.SIMPLE,
@@ -159,8 +159,8 @@ class Table:
                 collapse_padding=True,
             )
             for row in others:
-                found.add_row(*row)
-            return found
+                narrow.add_row(*row)
+            return narrow
 
         table = made([self.heads, *self.texts])
         width = Measurement.get(console, options.update(max_width=10_000), table).maximum
@@ -191,8 +191,8 @@ def literal(text: str) -> str:
     What can begin nothing stays legible: an underscore after a letter, a sign < before a number,
     brackets without an address after them.
     """
-    found = re.sub(r"[\\`*&|~#]|<(?! \d)|(?<![^\W_])_", r"\\\g<0>", " ".join(text.split()))
-    return re.sub(r"(?<![!\\\]])\[((?!\^)[\w /%^.,+-]*)\](?![(\[:])|[\[\]]", _bracket, found)
+    escaped = re.sub(r"[\\`*&|~#]|<(?! \d)|(?<![^\W_])_", r"\\\g<0>", " ".join(text.split()))
+    return re.sub(r"(?<![!\\\]])\[((?!\^)[\w /%^.,+-]*)\](?![(\[:])|[\[\]]", _bracket, escaped)
 
 
 def _bracket(found: re.Match[str]) -> str:

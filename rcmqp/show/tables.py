@@ -159,11 +159,11 @@ METRICS_ROWS = (
 
 def row_of(run: Run) -> Row:
     """Sum up a run."""
-    found = dataclasses.asdict(compute_metrics(run))
+    metrics = dataclasses.asdict(compute_metrics(run))
     names = {item.name for item in dataclasses.fields(Row)}
-    values = {name: value for name, value in found.items() if name in names}
+    values = {name: value for name, value in metrics.items() if name in names}
     values |= given_cells(run.head)
-    ratios = (found[f"{name}_ratio_max"] for name in ("speed", "acceleration", "jerk"))
+    ratios = (metrics[f"{name}_ratio_max"] for name in ("speed", "acceleration", "jerk"))
     kept = not any(ratio > 1.0 + ROUNDING for ratio in ratios)  # NaN where the arm has no limit
     speed = np.linalg.norm(np.diff(run.tip, axis=0), axis=1) / run.period
     return Row(
@@ -171,7 +171,7 @@ def row_of(run: Run) -> Row:
         run.scenario.arm,
         run.controller,
         **values,
-        limits_kept=kept and found["limit_margin_min_rad"] >= -ROUNDING,
+        limits_kept=kept and metrics["limit_margin_min_rad"] >= -ROUNDING,
         safe_stops=float(np.nansum(run.diagnostics.get("safe_stop", np.zeros(1)))),
         sparc=sparc(speed, run.period),
         ldlj=log_dimensionless_jerk(speed, run.period),
@@ -193,17 +193,17 @@ def as_latex(rows: Sequence[Row]) -> str:
 
 def metrics_table(runs: Sequence[Run], labels: Sequence[str]) -> Table:
     """Table of settings and metrics with a column for each run; missing numbers say so."""
-    found = [compute_metrics(run) for run in runs]
+    metrics_of_runs = [compute_metrics(run) for run in runs]
     given = [given_cells(run.head) for run in runs]
     rows = [[MEASURES[name].row, *(each[name] for each in given)] for name in given_names(given)]
-    ends = [until(each.errors_until_s, each.duration_s) for each in found]
+    ends = [until(each.errors_until_s, each.duration_s) for each in metrics_of_runs]
     rows.append([MEASURES["errors_until_s"].row, *ends])
     unit = unit_of(unit for run in runs for unit in joint_units(run.head))
     for name in METRICS_ROWS:
         measure = MEASURES[name]
         if name == "limit_margin_min_rad":
             measure = dataclasses.replace(measure, unit=unit)
-        texts = [measure.text(getattr(metrics, name)) or "missing" for metrics in found]
+        texts = [measure.text(getattr(metrics, name)) or "missing" for metrics in metrics_of_runs]
         rows.append([measure.row, *texts])
     stops = [str(sum(map(len, run.stops.values()))) for run in runs]
     return Table(["", *labels], [*rows, [MEASURES["safe_stops"].row, *stops]])
@@ -241,21 +241,21 @@ def as_markdown(rows: Sequence[Row]) -> str:
 
 def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
     """Three tables; values that all rows share are in the title, except those of controllers."""
-    made = [row for row in rows if not row.failure]
+    done = [row for row in rows if not row.failure]
     apart = ("controller", "feed_forward", "roll", "limits_enforced") if several else ()
-    lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in made}) != 1]
+    lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in done}) != 1]
     lead = lead or ["controller"]
-    title = f": {_words(made[0], [name for name in _LEAD if name not in lead])}" if made else ""
+    title = f": {_words(done[0], [name for name in _LEAD if name not in lead])}" if done else ""
     errors = _table(f"Errors and limits{title}", rows, lead, _ERRORS)
-    found = [dataclasses.replace(errors, notes=remarks(rows))]
-    if len(made) < len(rows):
-        cells = [[*texts, row.failure] for texts, row in zip(found[0].rows, rows, strict=True)]
-        heads = [*found[0].heads, MEASURES["failure"].column]
-        found[0] = dataclasses.replace(found[0], heads=heads, rows=cells)
-    if made:
-        more = dataclasses.replace(_table(f"More{title}", made, lead, _MORE), main=False)
-        found += [_table(f"Over time{title}", made, lead, _OVER_TIME), more]
-    return found
+    tables = [dataclasses.replace(errors, notes=remarks(rows))]
+    if len(done) < len(rows):
+        cells = [[*texts, row.failure] for texts, row in zip(tables[0].rows, rows, strict=True)]
+        heads = [*tables[0].heads, MEASURES["failure"].column]
+        tables[0] = dataclasses.replace(tables[0], heads=heads, rows=cells)
+    if done:
+        more = dataclasses.replace(_table(f"More{title}", done, lead, _MORE), main=False)
+        tables += [_table(f"Over time{title}", done, lead, _OVER_TIME), more]
+    return tables
 
 
 def _words(row: Row, shared: Sequence[str]) -> str:

@@ -64,8 +64,8 @@ class HandTrace:
         Raises:
             OptionError: the file cannot be read, or a column, unit or number is not allowed.
         """
-        found = Recorded.read(path, scale=scale)
-        return cls(found.times, found.positions, found.engaged)
+        recording = Recorded.read(path, scale=scale)
+        return cls(recording.times, recording.positions, recording.engaged)
 
     @functools.cached_property
     def way(self) -> Sampled:

@@ -140,10 +140,10 @@ def _some(name: str, values: Any, most: int) -> tuple[Any, ...]:
 
 
 def _places(name: str, values: Any) -> tuple[Vector3, ...]:
-    found = tuple(vector3(name, value) for value in _some(name, values, MOST_PLACES))
-    if shallow := [place for place in found if not place[2] > 0.0]:
+    places = tuple(vector3(name, value) for value in _some(name, values, MOST_PLACES))
+    if shallow := [place for place in places if not place[2] > 0.0]:
         raise refused(name, shallow[0], "inside the patient, with z above 0")
-    return found
+    return places
 
 
 def _spheres(name: str, values: Any) -> tuple[Sphere, ...]:

@@ -58,15 +58,15 @@ class Group:
 def groups_of(runs: Sequence[Run], files: Sequence[str]) -> list[Group]:
     """Sort runs into groups; no two groups, and no two files, have the same name."""
     names = {id(run): name for run, name in zip(runs, _unique(files, ".h5"), strict=True)}
-    found = grouped(runs)
-    scenarios = [group[0].scenario for group in found]
+    groups = grouped(runs)
+    scenarios = [group[0].scenario for group in groups]
     titles = _unique(f"{each.name} on {arm_title(each.arm)}" for each in scenarios)
     stems = _unique(
         re.sub(r"[^\w.-]+", "_", f"{each.name}_{Path(each.arm).stem}") for each in scenarios
     )
     return [
         Group(title, stem, group, [names[id(run)] for run in group])
-        for title, stem, group in zip(titles, stems, found, strict=True)
+        for title, stem, group in zip(titles, stems, groups, strict=True)
     ]
 
 
@@ -131,7 +131,7 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
         command: that makes the report, and its runs where it can.
     """
     runs = [pair for group in groups for pair in _commands(group)]
-    made = [f"- {literal(f'{group.title}: {versions_text(group.runs)}')}" for group in groups]
+    lines = [f"- {literal(f'{group.title}: {versions_text(group.runs)}')}" for group in groups]
     return "\n".join(
         [
             "A command that reads files of runs, as `rcmqp report` does, needs them in this "
@@ -144,7 +144,7 @@ def remake_text(groups: Sequence[Group], command: str) -> str:
             *_code(runs),
             "The runs here were made with:",
             "",
-            *made,
+            *lines,
         ]
     )
 

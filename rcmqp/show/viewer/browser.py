@@ -187,7 +187,7 @@ def _interruptible() -> Iterator[None]:
     is_default = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if is_default and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, note)
-    said = sys.stderr
+    stderr = sys.stderr
     try:
         yield
     except Exception as error:
@@ -197,6 +197,6 @@ def _interruptible() -> Iterator[None]:
             raise KeyboardInterrupt from error
         raise
     finally:
-        sys.stderr = said
+        sys.stderr = stderr
         if signal.getsignal(signal.SIGINT) is note:
             signal.signal(signal.SIGINT, signal.default_int_handler)

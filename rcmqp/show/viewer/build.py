@@ -124,10 +124,10 @@ def check_runs(runs: Sequence[Run]) -> Insertion:
 def differences(first: Scenario, other: Scenario) -> list[str]:
     """Fields that keep runs of two scenarios from being laid over each other."""
     names = [field.name for field in dataclasses.fields(first) if field.name not in MAY_DIFFER]
-    found = [name for name in names if getattr(first, name) != getattr(other, name)]
+    different = [name for name in names if getattr(first, name) != getattr(other, name)]
     if first.carried_arm is None or other.carried_arm is None:  # a file of an earlier version
-        return [name for name in found if name != "carried_arm"]
-    return found
+        return [name for name in different if name != "carried_arm"]
+    return different
 
 
 def grouped(runs: Sequence[Run]) -> list[list[Run]]:

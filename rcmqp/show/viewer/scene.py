@@ -134,8 +134,8 @@ def _deepest(run: Run, insertion: Insertion) -> float:
     """Largest distance of tips and spheres from the trocar [m]; missing tips do not count."""
     pivot = np.array(run.scenario.trocar.pivot)
     tips = np.concatenate([run.tip - run.pivot, run.tip_d - run.pivot])
-    seen = [np.subtract(sphere.centre, pivot) for sphere in spheres(run, insertion)]
-    return float(np.nanmax(np.linalg.norm(np.vstack([tips, *seen]), axis=1)))
+    centres = [np.subtract(sphere.centre, pivot) for sphere in spheres(run, insertion)]
+    return float(np.nanmax(np.linalg.norm(np.vstack([tips, *centres]), axis=1)))
 
 
 def _columns(matrix: Array) -> list[float]:

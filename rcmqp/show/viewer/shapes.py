@@ -108,11 +108,11 @@ def arm_parts(arm: Arm) -> list[Part]:
 
 
 def _urdf_parts(arm: Arm) -> list[Part]:
-    found = geometry_of(arm, pin.GeometryType.VISUAL)
-    if found is None:
+    geometry = geometry_of(arm, pin.GeometryType.VISUAL)
+    if geometry is None:
         return []
-    if found.missing:
-        warnings.warn(_without(arm, found.missing), ArmWarning, stacklevel=1)
+    if geometry.missing:
+        warnings.warn(_without(arm, geometry.missing), ArmWarning, stacklevel=1)
     if arm.source is not None and (others := changed_meshes(arm.source)):
         warnings.warn(
             f"{arm.name} does not look as it did when the run was made: {', '.join(others)} of "
@@ -121,9 +121,9 @@ def _urdf_parts(arm: Arm) -> list[Part]:
             stacklevel=1,
         )
     parts = []
-    for shape in found.shapes.geometryObjects:
-        body = found.model.frames[shape.parentFrame]
-        if hangs_on(found.model, shape.parentFrame, arm.flange):
+    for shape in geometry.shapes.geometryObjects:
+        body = geometry.model.frames[shape.parentFrame]
+        if hangs_on(geometry.model, shape.parentFrame, arm.flange):
             continue
         frame = arm.model.frames[arm.model.getFrameId(body.name, pin.FrameType.BODY)]
         placement = frame.placement * body.placement.actInv(shape.placement)

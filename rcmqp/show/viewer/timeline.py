@@ -32,7 +32,7 @@ def frames(run: Run) -> dict[str, Array]:
     continuous = ~np.isfinite(run.upper)
     angles = run.angles.copy()
     angles[:, continuous] = np.unwrap(angles[:, continuous], axis=0)
-    found = {
+    channels = {
         "time": run.time,
         "angles": angles,
         "tip": run.tip,
@@ -42,7 +42,7 @@ def frames(run: Run) -> dict[str, Array]:
         "tip_error": run.tip_error,
         "depth": run.depth,
     }
-    return {name: array[rows] for name, array in found.items()}
+    return {name: array[rows] for name, array in channels.items()}
 
 
 def slip(x: Array, pivot: Array) -> Array:
