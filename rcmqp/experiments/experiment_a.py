@@ -29,8 +29,16 @@ from rcmqp.runs.simulate import simulate
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show import plots, tables
 from rcmqp.show.labels import given_cells, given_names
-from rcmqp.show.report.build import INDEX, LATEX, NUMBERS, TEXT, write_report
-from rcmqp.show.report.document import Picture, Screenshot, Section
+from rcmqp.show.report.build import (
+    INDEX,
+    LATEX,
+    NUMBERS,
+    TEXT,
+    Picture,
+    Screenshot,
+    Section,
+    write_report,
+)
 from rcmqp.show.table import Table
 from rcmqp.show.viewer.browser import chromium_path
 from rcmqp.world.instrument import Instrument
