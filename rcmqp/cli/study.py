@@ -1,4 +1,4 @@
-"""The command line of studies: rcmqp study, and experiment B of rcmqp reproduce."""
+"""The command line of studies: rcmqp study, hands, and experiment B of rcmqp reproduce."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 from rcmqp.cli import console
 from rcmqp.cli import options as ask
-from rcmqp.cli.console import say
+from rcmqp.cli.console import print_written, say
 from rcmqp.controllers.settings import controller_of, registered
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
@@ -18,6 +18,7 @@ from rcmqp.references.operators import Learning
 if TYPE_CHECKING:
     from rcmqp.experiments.study.outcome import Outcome
     from rcmqp.world.port import Port
+
 
 STUDY = Path("study")
 """Folder of a study without --out."""
@@ -262,3 +263,38 @@ def _remake(trial: Path, folder: Path) -> None:
             soft_wrap=True,
         )
     say(f"wrote {file}: rcmqp view {file}")
+
+
+def hands(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING...", help="CSV files with the columns t, x, y, z."),
+    ],
+    scale: Annotated[
+        float, typer.Option(help="Metres in the files' unit of length; 0.001 for mm.")
+    ] = 1.0,
+    operators: Operators = 20,
+    seed: Seed = 0,
+    practice: Annotated[float | None, PRACTICE] = None,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for all files.")] = Path(
+        "hands"
+    ),
+) -> None:
+    """Compare recorded hands or tools with the operator model's: spectra, smoothness.
+
+    For example, rcmqp hands surgeon.csv --scale 0.001 --out hands. The table and the figure show
+    speed spectra, SPARC and LDLJ; nothing of the model was fitted to them.
+    """
+    from rcmqp.experiments.study.hands import compare_hands  # SciPy and joblib take long to import
+
+    comparison = compare_hands(
+        recordings,
+        folder,
+        scale=scale,
+        operators=operators,
+        seed=seed,
+        learning=learning_of(practice),
+    )
+    say(comparison.table)
+    for path in comparison.files:
+        print_written(path)
