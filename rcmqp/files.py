@@ -130,7 +130,7 @@ def absent(path: str | os.PathLike[str]) -> str:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Find out before a run, not after it, whether a file can be written.
+    """Check before a run that a file can be written.
 
     Raises:
         RunFileError: it cannot; the message says why.
@@ -151,7 +151,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def check_ending(path: str | os.PathLike[str], *endings: str) -> None:
-    """Find out whether a file to be written is named as its kind is: a run's would be lost.
+    """Check the ending of a file to be written, so that a run's file is not overwritten.
 
     Raises:
         OptionError: it is not.

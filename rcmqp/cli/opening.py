@@ -18,7 +18,7 @@ PAGE = """<!doctype html>
 
 @contextlib.contextmanager
 def opening() -> Iterator[Callable[[str], None]]:
-    """Yield what opens an address in the browser, until the block ends.
+    """Yield a function that opens an address in the browser, until the block ends.
 
     Everybody can read the arguments of a process, so the browser is given a file that only this
     user can read, and which leads to the address.

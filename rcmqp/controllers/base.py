@@ -277,7 +277,7 @@ class Controller(abc.ABC):
         """The law. State and reference are finite, and x_d is a pose; see step()."""
 
     def report(self, state: ArmState, command: Command) -> str:
-        """What became of a step, for people: why it stopped; each level, and what holds it back.
+        """Report a step in words: why it stopped; each level, and the bounds that block it.
 
         Args:
             state: that the step was made for.

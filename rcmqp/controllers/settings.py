@@ -109,7 +109,7 @@ def every_setting(fixed: Sequence[str] = ()) -> list[str]:
 
 
 def with_options(settings: Sequence[str], more: Sequence[str]) -> list[str]:
-    """The settings, each with those of some NAME=VALUE texts that name options of its controller.
+    """Add to each setting the NAME=VALUE texts that name an option of its controller.
 
     Raises:
         UnknownName: there is no such controller, or no controller has an option of that name.

@@ -155,7 +155,7 @@ class Hierarchy:
         return HierarchySolution(v, bounds.names, answer, names, self.verdicts())
 
     def guess(self, shape: tuple[int, int]) -> Array:
-        """(levels + 1, n + m) the active set found last, where one was needed."""
+        """The last active set (levels + 1, n + m); zero if none was needed yet."""
         guess = self._guesses.get(shape)
         if guess is None:
             guess = self._guesses[shape] = np.zeros(shape)

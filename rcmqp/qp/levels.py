@@ -193,7 +193,7 @@ class HierarchySolution:
 
     @property
     def levels(self) -> tuple[LevelResult, ...]:
-        """One for each level asked."""
+        """The results of the levels, in their order."""
         ends = [0, *(int(end) for end in self._answer.ends)]
         return tuple(
             self._result(k + 1, name, self._answer.residual[ends[k] : ends[k + 1]])

@@ -180,7 +180,7 @@ class RealtimeLoop:
         return self._advance()
 
     def run(self) -> LoopReport:
-        """Cycles until the duration is over, a fault or a signal, then the safe stop."""
+        """Run cycles until the duration is over, a fault or a signal; then the safe stop."""
         self.timing.begin()
         try:
             while self._advance():

@@ -211,7 +211,7 @@ class LoopbackReport:
         ]
 
     def as_markdown(self) -> str:
-        """Every table."""
+        """All tables as Markdown."""
         between = Table(("between the two", ""), self.rows())
         return f"{self.loop.as_markdown()}\n\n{between.markdown().rstrip()}"
 

@@ -44,7 +44,7 @@ AT_ONCE = 64
 def insertion_of(arm: str) -> Insertion:
     """The insertion of both processes: the arm at home, its shaft 10 cm in the trocar.
 
-    It is a simulation: limits that are only assumed of the real arm are this one's.
+    It is a simulation: limits that are only assumed for the real arm are exact here.
     """
     return Insertion.on_shaft(load_arm(arm).confirmed(), Instrument(), depth=0.1)
 
@@ -291,7 +291,7 @@ def _serve(
 
 
 def _drain(udp: socket.socket, door: Door) -> int:
-    """Take what has come from the controller's address; how many packets."""
+    """Read all packets from the controller's address; return how many."""
     packets = _arrived(udp)
     for packet in packets:
         door.take(packet)

@@ -150,7 +150,7 @@ def recording_remarks(scenario: Scenario) -> list[str]:
 
 
 def _speed_at_start(way: Sampled) -> float:
-    """Speed from the first sample to the second [m/s]; 0 of a way that starts gently."""
+    """Speed from the first sample to the second [m/s]; 0 if the motion starts gently."""
     step = way.times[1] - way.times[0]
     first, second = map(np.array, way.positions[:2])
     speed = float(np.linalg.norm(second - first)) / step

@@ -113,9 +113,9 @@ class Run(Channels):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that the run is: equal runs, equal digests.
+        """SHA-256 of the run: equal runs have equal digests.
 
-        Solve times and versions, which say how it was made, do not count.
+        Solve times and versions do not count.
         """
         arrays = {**self.arrays(), **self.diagnostics}
         del arrays[NOT_IN_DIGEST]

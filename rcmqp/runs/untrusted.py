@@ -146,7 +146,7 @@ def datasets(
     *,
     compressed: bool = False,
 ) -> dict[str, h5py.Dataset]:
-    """Every dataset of a file by its path in it, after a look at how each is stored.
+    """Check how each dataset of a file is stored, and return all of them by their paths.
 
     Nothing but this file is read: a link that leads elsewhere, a virtual dataset and numbers that
     are kept in another file are refused before they are followed.

@@ -221,9 +221,9 @@ def columns_explained() -> str:
 
 
 def tables(rows: Sequence[Row]) -> list[Table]:
-    """Errors and limits; what happens over time; and what else there is.
+    """Tables of errors and limits, of behaviour over time, and of all other measures.
 
-    What every controller was given stands in each table. Several controllers get three tables for
+    Each table has the settings of every controller. Several controllers get three tables for
     each scenario and arm, in which they can be compared; one controller gets three for all.
     """
     laws = {(row.controller, row.setting, row.feed_forward, row.limits_enforced) for row in rows}

@@ -119,7 +119,7 @@ class Task(abc.ABC):
 
     @property
     def speed_damping(self) -> float:
-        """The damping in force, [unit of the error] a radian."""
+        """The damping in use [unit of the error per radian]."""
         return DAMPING.get(self.unit, 0.0) if self.damping is None else self.damping
 
     @classmethod
@@ -202,13 +202,13 @@ class Together:
     tasks: tuple[Task, ...]
 
     def __post_init__(self) -> None:
-        """Check that there is something to do."""
+        """Check that there is at least one task."""
         if not self.tasks:
             raise OptionError("a level without tasks; give it one, or leave it out")
 
     @property
     def name(self) -> str:
-        """Names of the tasks."""
+        """Names of the tasks, with a plus sign between them."""
         return " + ".join(task.name for task in self.tasks)
 
     @property

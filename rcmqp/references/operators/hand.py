@@ -52,7 +52,7 @@ class Omega7:
 
 
 class Encoder:
-    """Readings of a handle over a run; read() once a cycle."""
+    """Reads a handle during a run; call read() once in each cycle."""
 
     def __init__(self, device: Omega7, period: float) -> None:
         """A reading every ``period`` [s]."""

@@ -180,7 +180,7 @@ def _checked(
     camera: str,
     size: tuple[int, int] | None,
 ) -> tuple[int, int]:
-    """Size of the picture; what is wrong is found before the browser starts."""
+    """Check the arguments before the browser starts; return the picture's size."""
     if camera not in CAMERAS:
         raise UnknownName("camera", camera, CAMERAS)
     check_ending(path, ending)

@@ -146,7 +146,7 @@ def _without(arm: Arm, meshes: Sequence[str]) -> str:
 
 
 def _lowered(shape: Any) -> list[tuple[dict[str, Any], Array, Colour]]:
-    """Meshcat's objects of a shape, what to multiply its placement with, and their colours."""
+    """Meshcat's objects of a shape, the factor of its placement, and their colours."""
     geometry, own = shape.geometry, _colour(shape)
     if isinstance(geometry, coal.Cylinder):
         return [(_mesh(g.Cylinder(2.0 * geometry.halfLength, geometry.radius)), _Z_FROM_Y, own)]
