@@ -168,7 +168,7 @@ def print_arm(arm: Arm) -> None:
             say(one_line(line))
         for topic, source in arm.source.sources.items():
             line = one_line(f"source of {topic}: {source}")
-            say(line, style="dim")
+            out.print(line, style="dim", soft_wrap=True, highlight=False, markup=False)
 
 
 def arm_json(arm: Arm) -> dict[str, Any]:
