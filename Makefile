@@ -1,4 +1,5 @@
-# make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
+# make demo, make test: each, alone, makes the environment, installs what it needs, and runs.
+# make pictures: the pictures of docs/.
 # make docs: the site, into docs/_build/html, and a check of its links and names.
 # make gallery: the pictures of examples/, for the site.
 # make tables: the tables of docs/, each by the command in front of it; some minutes.
@@ -9,6 +10,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+CORE := $(VENV)/.core
 INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
@@ -18,10 +20,10 @@ DOCS := $(VENV)/.docs
 
 .PHONY: demo docs pictures gallery tables test test-fast sanitize franka lint types check clean
 
-demo: $(INSTALLED)
+demo: $(CORE)
 	$(BIN)/rcmqp reproduce --out results
 
-pictures: demo
+pictures: $(INSTALLED) demo
 	cp results/fig3_errors.png results/fig2_trajectories.png results/helix_lwa3.png results/helix_meka_a2.png docs
 	$(BIN)/rcmqp snapshot results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --time 12 --out docs/viewer.png
 	$(BIN)/python docs/starts.py
@@ -67,9 +69,13 @@ types: $(INSTALLED) $(NODE)
 
 check: lint types test
 
-$(INSTALLED): pyproject.toml setup.py $(wildcard rcmqp/kernel/*)
+$(CORE): pyproject.toml setup.py rcmqp/__init__.py $(wildcard rcmqp/kernel/*)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "rcmqp needs Python 3.11 or newer, $(PYTHON) is %s" % sys.version.split()[0])'
 	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+$(INSTALLED): $(CORE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
