@@ -41,7 +41,7 @@ def test_the_citation_and_the_archive_have_this_version_and_licence() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     for line in (f"version: {rcmqp.__version__}", f"license: {PROJECT['license']}"):
         assert f"\n{line}\n" in citation
-    assert f"title: \"{archive['title']}\"" in citation
+    assert f'title: "{archive["title"]}"' in citation
 
 
 def test_the_notes_of_a_release_are_its_part_of_the_changelog() -> None:
