@@ -1,6 +1,5 @@
 // Sphinx's own scores, but pages that explain come before pages that list.
-// eslint-disable-next-line no-unused-vars
-var Scorer = {
+window.Scorer = {
   score([page, , , , score]) {
     if (page.startsWith("guides/")) return score + 3;
     if (page.startsWith("explanation/") || !page.includes("/")) return score + 2;
