@@ -1,5 +1,6 @@
-# make demo, make test: each, alone, makes the environment, installs, and runs. make pictures: docs/.
-# make docs: the site, into docs/_build/html, and a check of its links and names.
+# make demo, make test: each, alone, makes the environment, installs what it needs, and runs.
+# make pictures: the pictures of docs/.
+# make docs: the site, into docs/_build/html, and a check of its links, names and search; it needs Node.js.
 # make gallery: the pictures of examples/, for the site.
 # make tables: the tables of docs/, each by the command in front of it; some minutes.
 # make lint, make types: Python and the viewer's JavaScript; they need npm for the latter.
@@ -9,27 +10,32 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+CORE := $(VENV)/.core
 INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
 NODE := node_modules/.package-lock.json
 KERNEL_TESTS := tests/test_compiled.py tests/test_stack.py tests/test_given_rows.py tests/test_rows.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py
 DOCS := $(VENV)/.docs
+MOVING := fps=8,scale=800:-1:flags=lanczos,split[a][b];[a]palettegen=max_colors=128:stats_mode=diff[p];[b][p]paletteuse=dither=none:diff_mode=rectangle
 
 .PHONY: demo docs pictures gallery tables test test-fast sanitize franka lint types check clean
 
-demo: $(INSTALLED)
+demo: $(CORE)
 	$(BIN)/rcmqp reproduce --out results
+	@$(BIN)/python -c 'import pathlib, webbrowser as w; page = pathlib.Path("results/index.html").resolve(); w.open(page.as_uri()) or print("open", page)'
 
-pictures: demo
+pictures: $(INSTALLED) demo
 	cp results/fig3_errors.png results/fig2_trajectories.png results/helix_lwa3.png results/helix_meka_a2.png docs
-	$(BIN)/rcmqp snapshot results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --time 12 --out docs/viewer.png
+	$(BIN)/rcmqp video results/lwa3_1ms.h5 results/lwa3_1ms_hierarchical_qp.h5 --camera page --speed 4 --size 1200x750 --out results/viewer.mp4
+	ffmpeg -v error -y -i results/viewer.mp4 -vf "$(MOVING)" docs/viewer.gif
 	$(BIN)/python docs/starts.py
 
 docs: $(DOCS)
 	rm -rf docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d docs/_build/doctrees docs docs/_build/html
 	$(BIN)/python docs/check.py docs/_build/html
+	node docs/search.mjs docs/_build/html
 
 gallery: $(INSTALLED)
 	$(BIN)/python examples docs/gallery
@@ -67,9 +73,13 @@ types: $(INSTALLED) $(NODE)
 
 check: lint types test
 
-$(INSTALLED): pyproject.toml setup.py $(wildcard rcmqp/kernel/*)
+$(CORE): pyproject.toml setup.py rcmqp/__init__.py $(wildcard rcmqp/kernel/*)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "rcmqp needs Python 3.11 or newer, $(PYTHON) is %s" % sys.version.split()[0])'
 	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+$(INSTALLED): $(CORE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 

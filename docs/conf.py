@@ -45,5 +45,6 @@ html_theme = "furo"
 html_title = f"rcmqp {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "scorer.js")
 html_extra_path = ["generated/run"]
 html_show_sphinx = False

@@ -1,8 +1,8 @@
 """Your own robot: any URDF of a fixed-base serial arm.
 
 The file ``my_robot.urdf`` beside this script has six joints and no limits of acceleration or
-jerk. The maker's limits are given by hand; without them rcmqp assumes careful values, marks them
-in every table, and does not drive a real arm with them. The trocar is put where the shaft is,
+jerk. The script gives the maker's limits by hand. Without them rcmqp assumes careful values, marks
+them in every table, and does not drive a real arm with them. The trocar is put where the shaft is,
 10 cm before the tip. Without a ``home``, rcmqp searches a starting pose away from limits and
 singularities.
 """

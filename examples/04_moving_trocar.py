@@ -1,7 +1,7 @@
 """A trocar that moves: feed-forward decides.
 
-The trocar swings by 1 cm at 0.5 Hz. A law that only sees where the trocar is comes after it and
-presses on the incision; a law that also knows its velocity follows.
+The trocar swings by 1 cm at 0.5 Hz. A law that only knows the position of the trocar lags behind
+and presses on the incision. A law that also knows its velocity keeps up.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Your own path: the view follows a rose with five petals.
 
 A path is a frozen dataclass with a duration and a view command for every instant: left-right,
-up-down and roll in radians, in-out in metres. With the rates a controller can follow without lag.
-A path in PATHS can be part of a scenario, and its runs can be recorded and shown.
+up-down and roll in radians, in-out in metres. With their rates, a controller can follow without
+lag. A scenario can use a path that is in PATHS, and its runs can be recorded and shown.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""An obstacle and the trocar's cone: what the instrument must keep out of, and stay within.
+"""An obstacle and the trocar's cone: what the instrument must avoid, and where it must stay.
 
-The view leads through a ball of 1 cm. The trocar allows a tilt of 12 degrees, which is less than
-the view asks for. The paper's law knows neither; ``hierarchical_qp`` stops at the first of the
-two.
+The way to the view leads through a ball of 1 cm. The trocar allows a tilt of 12 degrees, which is
+less than the view asks for. The paper's law knows neither. ``hierarchical_qp`` stops at the first
+of the two.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A study: two simulated operators steer the camera to four views, past an obstacle.
 
 The operators are models: they see what the camera shows, late and inexactly, and move a haptic
-device. Each trial is a file of its own, so a study that is stopped goes on where it was.
+device. Each trial is a file of its own, so a study that is stopped can continue later.
 """
 
 from __future__ import annotations

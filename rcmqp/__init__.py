@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rcmqp.world.loading import arm_names, load_arm
     from rcmqp.world.start import find_start
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "controllers": "CONTROLLERS Command Controller DualQuaternion HierarchicalQP make_controller",

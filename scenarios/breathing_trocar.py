@@ -1,10 +1,9 @@
 """The tool tip draws a circle while the patient breathes: the trocar rises and falls by 1 cm.
 
-Fifteen breaths a minute under a ventilator, 1 cm from the end of expiration to that of
-inspiration, along the normal of the abdominal wall; see Breathing for where that comes from.
-The shaft stands in the wall at 30 degrees from its normal, for along the shaft the motion of a
-trocar does not matter to the RCM. Two breaths, with a circle of 15 mm radius meanwhile, which
-goes along with the trocar.
+There are fifteen breaths a minute under a ventilator, with 1 cm from the end of expiration to that
+of inspiration, along the normal of the abdominal wall; see Breathing for the source. The shaft
+stands at 30 degrees to this normal, because the RCM does not notice a motion along the shaft. In
+two breaths the tip draws a circle of 15 mm radius, which moves along with the trocar.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
 """Experiment B of the paper: an operator finds four views with the camera, past an obstacle.
 
-The operator is a model (rcmqp.references.operators): no human study. The paper gives the spheres'
-square of 5 cm, the order of the views, the tolerance of 1 mm, the obstacle's place and that the
-hand's translations become (t_z, alpha, beta). It leaves open, and CameraTask, HandMapping and
-Omega7 say what is taken: where camera and spheres stand, the size of the spheres, the scale from
-hand to camera, the device's viscosity, the sampling period, which arm, and from where to where the
-distance to the obstacle is measured.
+The operator is a model (rcmqp.references.operators); this is no human study. The paper gives the
+spheres' square of 5 cm, the order of the views, the tolerance of 1 mm, the place of the obstacle,
+and the mapping of the hand's translations to (t_z, alpha, beta). It leaves some things open: where
+camera and spheres stand, the size of the spheres, the scale from hand to camera, the viscosity of
+the device, the sampling period, the arm, and between which points the distance to the obstacle is
+measured. The choices are in CameraTask, HandMapping and Omega7.
 
-The tip starts 10 cm inside, where the helix of experiment A does, and from where all spheres and
-the greater part of the obstacle are in view; the objectives are 4 cm deeper, where it ends. Two
-centimetres less, and the LWA3 comes to the limit of its sixth joint in one trial of seven.
-References that are far apart go through the paper's planner.
+The tip starts 10 cm inside, where the helix of experiment A starts. From there all spheres and
+most of the obstacle are in view. The objectives are 4 cm deeper, where the helix ends. With two
+centimetres less, the LWA3 reaches the limit of its sixth joint in one trial of seven. References
+that are far apart go through the paper's planner.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """CoIKS-Surg's circle: the tool tip draws one of 15 mm radius across the shaft.
 
-The radius is the benchmark's; it gives no time. In 8 s the tip runs at 13 mm/s, which no arm
-here finds fast.
+The radius is the benchmark's, which gives no time. In 8 s the tip moves at 13 mm/s, which is not
+fast for any arm here.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Views beyond what the trocar allows: tilted out of its cone, and too far in and out.
 
-The trocar takes a tilt of 15 degrees and depths of 8 to 12 cm. Asked for are 23 degrees at
-14 cm, then 23 degrees another way at 6 cm, then the view of the start. A controller that
-keeps the trocar's limits stays at their edge; one that knows none goes beyond.
+The trocar allows a tilt of 15 degrees and depths of 8 to 12 cm. The path asks for 23 degrees at 14
+cm, then for 23 degrees in another direction at 6 cm, then for the view of the start. A controller
+that keeps the limits of the trocar stays at their edge. A controller without them goes beyond.
 """
 
 from __future__ import annotations

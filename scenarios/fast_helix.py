@@ -1,10 +1,10 @@
 """Experiment A's helix, faster than the joints allow.
 
-How fast that is depends on the arm. The helix is first followed slowly, by the pseudoinverse,
-and the joint speeds that it takes are noted; then its time is cut so that for three quarters of
-it some joint would have to go faster than it can. A controller that keeps the speed limits, or
-those of acceleration too, falls behind and is at one of them for most of the time. A quarter of
-the helix's time is left at its end to catch up.
+The speed depends on the arm. The pseudoinverse first follows the helix slowly, and the joint
+speeds are noted. Then the time is cut so that for three quarters of it some joint would have to be
+faster than it can. A controller that keeps the limits on speed, or also those on acceleration,
+falls behind and is at one of them most of the time. At the end, a quarter of the time of the helix
+is left to catch up.
 """
 
 from __future__ import annotations

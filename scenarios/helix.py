@@ -1,7 +1,7 @@
 """CoIKS-Surg's helix: the tool tip draws four turns of 15 mm radius and 10 mm pitch.
 
-Radius, turns and pitch are the benchmark's (create3DHelixPath); it gives no time. In 20 s the
-tip runs at 20 mm/s, as in experiment A, which no arm here finds fast.
+Radius, turns and pitch are the benchmark's (create3DHelixPath), which gives no time. In 20 s the
+tip moves at 20 mm/s, as in experiment A, which is not fast for any arm here.
 """
 
 from __future__ import annotations

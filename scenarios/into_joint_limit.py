@@ -1,12 +1,11 @@
 """A view that takes a joint beyond its position limit, and back.
 
-Which joint that is depends on the arm. The arm starts from its home with one joint moved to
-0.1 rad from one of its limits; the joint and the limit are those with which a tilt, a roll and
-a dive together can press hardest against the limit, of all that leave the shaft within 50
-degrees of where it points at home, and the arm away from singularities. The view then asks for
-as much as would take that joint 0.2 rad beyond the limit if the arm went there the shortest
-way, or for 0.35 rad to the side and up, 0.5 rad of roll and 5 cm of depth where that is less. An
-arm with a joint to spare may find another way.
+The joint depends on the arm. The arm starts from its home, with one joint moved to 0.1 rad from
+one of its limits. Joint and limit are those against which a tilt, a roll and a dive together can
+press hardest, while the shaft stays within 50 degrees of its direction at home and the arm away
+from singularities. If the arm went the shortest way, the view would take that joint 0.2 rad beyond
+the limit. The view asks for at most 0.35 rad to the side and up, 0.5 rad of roll and 5 cm of
+depth. An arm with a redundant joint may find another way.
 """
 
 from __future__ import annotations

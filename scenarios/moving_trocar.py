@@ -1,11 +1,11 @@
 """A trocar that swings across the shaft, 1 cm at 0.5 Hz or as asked for, under a still view.
 
-The follow-up of the paper (Marinho, Bernardes and Bo, Journal of Medical Robotics Research
-2016) moves the trocar by 1 cm at 0.5 Hz, 2 cm at 0.5 Hz and 1 cm at 1 Hz: the parameters of
-scenario(), and scenarios of their own, trocar_1cm_05hz, trocar_2cm_05hz, trocar_1cm_1hz. The
-direction is chosen here: across the shaft, to the right in the image, where all of the motion
-is RCM error to a controller that does not follow; peak speeds are 31 and twice 63 mm/s. The
-amplitude grows for 2 s, then there are 6 s of the full motion.
+The follow-up of the paper (Marinho, Bernardes and Bo, Journal of Medical Robotics Research 2016)
+moves the trocar by 1 cm at 0.5 Hz, 2 cm at 0.5 Hz and 1 cm at 1 Hz. These are parameters of
+scenario(), and also scenarios of their own: trocar_1cm_05hz, trocar_2cm_05hz, trocar_1cm_1hz. The
+direction is our choice: across the shaft, to the right in the image. There all of the motion is
+RCM error for a controller that does not follow. Peak speeds are 31 mm/s and twice 63 mm/s. The
+amplitude grows for 2 s, then 6 s of the full motion follow.
 """
 
 from __future__ import annotations

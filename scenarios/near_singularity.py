@@ -1,12 +1,12 @@
-"""A tilt that all but stretches the arm, and back: through the neighbourhood of a singularity.
+"""A tilt that almost stretches the arm, and back: through the neighbourhood of a singularity.
 
-Where that is depends on the arm. From its home the arm is first taken across the shaft and
-downwards, the shaft's direction kept, the way on which its least singular value falls fastest,
-until that is 0.08; there the trocar is put. The view then tilts the way on which it falls
-further, down to 0.02, or as far as the joints' limits allow: homes have 0.13 to 0.32, and in
-one direction the pseudoinverse takes some ten times the joint speed that it takes there.
-The singularity is the straight elbow, which
-no other configuration of a joint to spare can avoid. A view a little further on is out of reach.
+The place depends on the arm. From its home the arm first moves across the shaft and downwards,
+with the direction of the shaft kept, in the direction in which its least singular value falls
+fastest. Where that value is 0.08, the trocar is put. The view then tilts in the direction in which
+it falls further, down to 0.02, or as far as the joint limits allow. Homes have 0.13 to 0.32. Here,
+in one direction, the pseudoinverse needs about ten times the joint speed that it needs at home.
+The singularity is the straight elbow, which a redundant joint cannot avoid. A view a little
+further on is out of reach.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A ball stands in the way of the tip: views that lead through it, and on to the other side.
 
-A ball of 10 mm, its centre 110 mm deep, 20 mm to the right of the shaft at the start; the view
-goes to the right at that depth, through the ball, and comes back. A controller that knows of
-obstacles stops before it, the RCM kept; one that knows of none goes through.
+The ball has a radius of 10 mm. Its centre is 110 mm deep, 20 mm to the right of the shaft at the
+start. The view goes to the right at that depth, through the ball, and comes back. A controller
+that knows obstacles stops before it and keeps the RCM. A controller that does not goes through.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The helix on an arm without a joint to spare: six joints, on a UR5 if no arm is named.
+"""The helix on an arm without a redundant joint: six joints, on a UR5 if no arm is named.
 
-A pose takes all six joints: nothing is left for a secondary objective, and a controller that
-gives the roll about the shaft free has one joint more than one that does not. One and a half
-turns of experiment A's helix, at its speed of 20 mm/s, in 10 s.
+A pose takes all six joints, so nothing is left for a secondary objective. A controller that leaves
+the roll about the shaft free has one joint more to use. One and a half turns of experiment A's
+helix, at its speed of 20 mm/s, in 10 s.
 """
 
 from __future__ import annotations

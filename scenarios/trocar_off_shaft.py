@@ -1,8 +1,8 @@
-"""The trocar is found 5 mm off the shaft: to be brought back, and then a view to be shown.
+"""The trocar is 5 mm off the shaft: the arm first brings the shaft back, then shows a view.
 
-The distance is some five to ten times the play of an instrument in its cannula. It lies across
-the shaft, 3 mm to the left and 4 mm down in the image. For 3 s the view is that of the start, so
-that all there is to do is to come back; then the tip goes sideways and in.
+The distance is five to ten times the play of an instrument in its cannula. It is across the shaft,
+3 mm to the left and 4 mm down in the image. For 3 s the view is that of the start, so that the arm
+only has to come back. Then the tip goes sideways and in.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -31,6 +32,16 @@ def test_the_changelog_has_this_version_and_known_headings_only() -> None:
     assert versions == sorted(versions, reverse=True)
     assert rcmqp.__version__ in versions
     assert set(re.findall(r"^### (.*)$", text, re.M)) <= set(KINDS)
+
+
+def test_the_citation_and_the_archive_have_this_version_and_licence() -> None:
+    archive = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
+    assert (archive["version"], archive["license"]) == (rcmqp.__version__, PROJECT["license"])
+    assert archive["keywords"] == PROJECT["keywords"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    for line in (f"version: {rcmqp.__version__}", f"license: {PROJECT['license']}"):
+        assert f"\n{line}\n" in citation
+    assert f'title: "{archive["title"]}"' in citation
 
 
 def test_the_notes_of_a_release_are_its_part_of_the_changelog() -> None:

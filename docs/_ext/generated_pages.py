@@ -61,7 +61,7 @@ def write_all() -> None:
 
 def gallery() -> str:
     """Every example: its picture, its docstring, its code."""
-    parts = ["# Gallery", "", "Each script is one idea. Run it from the source tree, such as", ""]
+    parts = ["# Gallery of examples", "", "Each script shows one idea. Run it like this:", ""]
     parts += ["```sh", "python examples/01_first_run.py", "```", ""]
     for script in sorted(EXAMPLES.glob("[0-9]*.py")):
         text = ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or ""
@@ -79,7 +79,7 @@ def command_line_page() -> str:
     """Every command with its help, its arguments and its options."""
     group = typer.main.get_group(command_line)
     context = group.context_class(group, info_name="rcmqp")
-    parts = ["# Command line", "", "Written from the command line's own help.", ""]
+    parts = ["# Command line", "", "This page is written from the help of the command line.", ""]
     parts += [*_help(group.help or ""), ""]
     for name, command in group.commands.items():
         inner = command.context_class(command, info_name=name, parent=context)
@@ -103,9 +103,9 @@ def scenarios_page() -> str:
     parts = [
         "# Scenarios",
         "",
-        "`rcmqp scenarios` lists them, `rcmqp run NAME` runs one. Times are",
+        "`rcmqp scenarios` lists them, and `rcmqp run NAME` runs one. Times are",
     ]
-    parts += ["those on the LWA3.", ""]
+    parts += ["for the LWA3.", ""]
     for name in scenario_names():
         made = load_scenario(name)
         facts = f"{made.duration:g} s, path `{type(made.path).__name__}`, "
@@ -118,8 +118,8 @@ def scenarios_page() -> str:
 def arms_page() -> str:
     """Every arm: its numbers, and the source of each."""
     parts = ["# Arms", "", "`rcmqp arms` lists them. For a URDF of your own, see"]
-    parts += ["[Your own robot](../guides/my_robot.md). Limits that no source gives are"]
-    parts += ["assumed, in simulation only, and marked.", ""]
+    parts += ["[Use your own robot](../guides/my_robot.md). Limits that no source gives are"]
+    parts += ["assumed, for simulation only, and marked.", ""]
     for name in (each.parent.name for each in sorted(ROBOTS.glob("*/robot.toml"))):
         arm = load_arm(name)
         entry = tomllib.loads((ROBOTS / name / "robot.toml").read_text(encoding="utf-8"))
