@@ -67,14 +67,6 @@ class SphereLimit(CompiledLimit, Damper):
         """Where the shaft ends, from the effector [m]; the tip, or the first joint of a wrist."""
         return shaft_depth(self.instrument.wrist, self.tip_depth)
 
-    def pieces(self) -> tuple[str, ...]:
-        """The joint that each piece of the wrist begins at; pieces without length are none."""
-        wrist = self.instrument.wrist
-        if wrist is None:
-            return ()
-        pairs = zip(wrist.joints, wrist.pieces, strict=True)
-        return tuple(joint.name for joint, length in pairs if length > 0.0)
-
     def ball(self, kind: str, reach: float, first: float, **wrist: Any) -> Block:
         """Rows for the axis from ``first`` on, ``reach`` from the centre or less [m]."""
         return Block(
@@ -108,6 +100,14 @@ class SphereLimit(CompiledLimit, Damper):
 def shaft_depth(wrist: Wrist | None, tip_depth: float) -> float:
     """From the effector to the first joint of a wrist, or to the tip without one [m]."""
     return tip_depth if wrist is None else tip_depth - sum(wrist.pieces)
+
+
+def pieces(wrist: Wrist | None) -> tuple[str, ...]:
+    """The joint that each piece of a wrist begins at; pieces without length are none."""
+    if wrist is None:
+        return ()
+    pairs = zip(wrist.joints, wrist.pieces, strict=True)
+    return tuple(joint.name for joint, length in pairs if length > 0.0)
 
 
 def bends(wrist: Wrist | None) -> dict[str, Any]:
@@ -155,8 +155,8 @@ class KeepOut(SphereLimit):
     @property
     def row_names(self) -> tuple[str, ...]:
         """Of the tip; or of the shaft and a wrist's pieces, by the joint that each begins at."""
-        pieces = self.pieces() if self.part == "shaft" else ()
-        return tuple(f"{self.label}, {part} out" for part in (self.part, *pieces))
+        beyond = pieces(self.instrument.wrist) if self.part == "shaft" else ()
+        return tuple(f"{self.label}, {part} out" for part in (self.part, *beyond))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -183,7 +183,8 @@ class KeepIn(SphereLimit):
     @property
     def row_names(self) -> tuple[str, ...]:
         """Of the tip, of the joints of a wrist, and of the mount."""
-        ends = ("tip", *self.pieces(), "mount") if self.part == "shaft" else ("tip",)
+        wrist = pieces(self.instrument.wrist)
+        ends = ("tip", *wrist, "mount") if self.part == "shaft" else ("tip",)
         return tuple(f"{self.label}, {end} in" for end in ends)
 
 

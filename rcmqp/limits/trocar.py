@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from rcmqp._kernel import Block
 from rcmqp.limits.base import CompiledLimit, Damper
-from rcmqp.limits.spheres import bends, shaft_depth
+from rcmqp.limits.spheres import bends, pieces, shaft_depth
 from rcmqp.maths.options import finite
 from rcmqp.world.instrument import Trocar, Wrist
 
@@ -62,7 +62,8 @@ class TrocarDepth(CompiledLimit, Damper):
         depth' <= pace(deepest - depth),   -depth' <= pace(depth - shallowest).
 
     q' is zero but for a wrist: then q is the tool's point where it is, and a wrist that bends
-    brings it out.
+    brings it out. Bent far, its joints are deeper than the tool's point: the end of the shaft, and
+    where each further piece begins, have a row for the deepest of their own.
 
     Attributes:
         trocar: its depth range.
@@ -78,7 +79,7 @@ class TrocarDepth(CompiledLimit, Damper):
 
     @functools.cached_property
     def block(self) -> Block:
-        """Two rows [m/s]: the deepest, the shallowest."""
+        """Rows [m/s]: deepest and shallowest of the tip; deepest of a wrist's joints."""
         shallowest, deepest = self.trocar.depth_range
         return Block(
             "trocar_depth",
@@ -91,5 +92,6 @@ class TrocarDepth(CompiledLimit, Damper):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the two rows."""
-        return ("trocar depth, deepest", "trocar depth, shallowest")
+        """Of the tip's two rows; and of a wrist's, by the joint that each piece begins at."""
+        joints = (f"trocar depth, {joint} deepest" for joint in pieces(self.wrist))
+        return ("trocar depth, deepest", "trocar depth, shallowest", *joints)
