@@ -191,7 +191,7 @@ WRONG = {
     "no such URDF": ('urdf = "q.urdf"\n[flange]\nframe = "l7"', r"q\.urdf: no such file"),
     "locked at a word": (
         'urdf = "r.urdf"\n[flange]\nframe = "l7"\n[locked]\nj3 = "zero"',
-        "j3 cannot be locked at zero",
+        "j3 cannot be locked at 'zero'; give a number",
     ),
     "limits of nobody": (
         'urdf = "r.urdf"\njerk = { j9 = 3 }\n[flange]\nframe = "l7"',

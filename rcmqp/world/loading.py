@@ -39,7 +39,7 @@ from rcmqp.world.arm_limits import (
 from rcmqp.world.home import home_of
 from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
-from rcmqp.world.questions import file_questions, home_question, questions
+from rcmqp.world.questions import TURNS, check_given, home_question, questions
 from rcmqp.world.urdf import (
     Urdf,
     assumed_speeds,
@@ -50,6 +50,7 @@ from rcmqp.world.urdf import (
     read_urdf,
     soft_limits_of,
 )
+from rcmqp.world.urdf_checks import MOST_LENGTH
 
 ARM_FILE = ".toml"
 """How the name of an arm's file ends."""
@@ -157,7 +158,7 @@ def load_arm(
     if own_file:
         file = read_arm_file(path, _robots())
         arm = _load_file(file, str(name), by_hand, path.read_bytes())
-        return _questioned(arm, *file_questions(file), mounted="rpy" in file.entry["flange"])
+        return _questioned(arm, mounted="rpy" in file.entry["flange"])
     assert folder is not None
     toml = folder / "robot.toml"
     made_of = None if str(name) in _own_names() else toml.read_bytes()
@@ -192,9 +193,10 @@ def _folder(name: str) -> Path | None:
     )
 
 
-def _questioned(arm: Arm, *more: str, mounted: bool = False) -> Arm:
+def _questioned(arm: Arm, *, mounted: bool = False) -> Arm:
     """The arm, and a warning for each thing that looks wrong with it; see questions()."""
-    for question in [*more, *questions(arm, mounted=mounted)]:
+    check_given(arm)
+    for question in questions(arm, mounted=mounted):
         warnings.warn(question, ArmWarning, stacklevel=1)
     return arm
 
@@ -278,11 +280,9 @@ def built(
         "own": dict(own),
         "about": {key: _plain(value) for key, value in about.items() if key != "by_hand"},
     }
-    for held, position in locked.items():
-        if not isinstance(position, int | float) or not math.isfinite(position):
-            raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
-    followers = held_followers(urdf, flange, locked)
-    locked = {**locked, **followers}
+    asked = {held: _position(name, held, position) for held, position in locked.items()}
+    followers = held_followers(urdf, flange, asked)
+    locked = {**asked, **followers}
     given, urdf = urdf, without_mimics(urdf, flange, list(locked))
     model = model_of(urdf)
     joint = find_frame(model, flange).parentJoint
@@ -291,6 +291,8 @@ def built(
     for held in locked:
         if not model.existJointName(held):
             raise UnknownName("joint", held, list(model.names)[1:])
+    for held, position in asked.items():
+        _check_locked(model, name, held, position)
     chain = set(model.supports[joint])
     hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
     q = pin.neutral(model)
@@ -298,6 +300,13 @@ def built(
         if model.names[i] in locked:
             _set_angle(q, model.joints[i], locked[model.names[i]])
     notes = _held(model, hold, locked)
+    fixed = [
+        f"{held} at {position:g}"
+        for held, position in asked.items()
+        if model.getJointId(held) in chain
+    ]
+    if fixed:
+        notes.append(f"locked: {', '.join(fixed)}")
     if followers:
         notes.append(f"held, as they follow locked joints: {', '.join(followers)}")
     links = {link.attrib["name"] for link in urdf.root.iterfind("link")}
@@ -391,6 +400,36 @@ def _by_joint(
     if missing := [joint for joint in joints if joint not in home]:
         raise ArmError(f"{name}: home does not say where {', '.join(missing)} is; add it")
     return [home[joint] for joint in joints]
+
+
+def _position(name: str, held: str, position: Any) -> float:
+    """Where a joint is to be held, as a number."""
+    number = isinstance(position, int | float) and not isinstance(position, bool)
+    if not number or not abs(position) < MOST_LENGTH:
+        raise ArmError(
+            f"{name}: {held} cannot be locked at {position!r:.80}; give a number of rad or m"
+        )
+    return float(position)
+
+
+def _check_locked(model: pin.Model, name: str, held: str, position: float) -> None:
+    """Refuse a lock outside the joint's limits, or more than two turns away without any."""
+    joint = model.joints[model.getJointId(held)]
+    lower, upper, unit = -TURNS, TURNS, "rad"
+    if joint.nq == 1:
+        lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+        unit = "m" if joint.shortname().startswith("JointModelP") else "rad"
+    if lower <= position <= upper:
+        return
+    other, factor, most = "degrees", math.pi / 180.0, 2.0 * math.pi
+    if unit == "m":
+        other, factor, most = "millimetres", 0.001, 2.0
+    fits = abs(position) > most and lower <= factor * position <= upper
+    more = f"; are these {other}? Multiply by {factor:.6g}" if fits else ""
+    raise ArmError(
+        f"{name}: {held} cannot be locked at {position:g} {unit}, its limits are {lower:g} and "
+        f"{upper:g} {unit}{more}"
+    )
 
 
 def _set_angle(q: Array, joint: Any, angle: float) -> None:
