@@ -75,8 +75,14 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFileError(folder, f"cannot be made: {error}") from error
+    except FileExistsError as error:
+        raise RunFileError(folder, "is a file; give the name of a folder") from error
+    except NotADirectoryError as error:
+        file = next(each for each in folder.parents if each.exists())
+        raise RunFileError(folder, f"cannot be made: {file} is a file") from error
+    except (OSError, ValueError) as error:
+        reason = why(error) if isinstance(error, OSError) else "no name of a folder"
+        raise RunFileError(folder, f"cannot be made: {reason}") from error
     return folder
 
 
@@ -89,7 +95,7 @@ def remove(path: str | os.PathLike[str]) -> None:
     try:
         Path(path).unlink(missing_ok=True)
     except OSError as error:
-        raise RunFileError(Path(path), f"cannot be removed: {error.strerror}") from error
+        raise RunFileError(Path(path), f"cannot be removed: {why(error)}") from error
 
 
 @contextmanager
