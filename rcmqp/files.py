@@ -135,6 +135,23 @@ def absent(path: str | os.PathLike[str]) -> str:
         return "no such file"
 
 
+def check_readable(path: str | os.PathLike[str], what: str, most: int = 200_000_000) -> None:
+    """Refuse to read what is no regular file, which may never end, or has too many bytes.
+
+    Args:
+        path: the file.
+        what: it should be, such as ``"a CSV file"``.
+        most: bytes that it may have.
+
+    Raises:
+        OptionError: it is another thing, is not there, or is too large.
+    """
+    if not os.path.isfile(path):
+        raise OptionError(f"{path}: {absent(path)}; give the path of {what}")
+    if (size := os.path.getsize(path)) > most:
+        raise OptionError(f"{path} has {size} bytes, {what} has {most} at most")
+
+
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Find out before a run, not after it, whether a file can be written.
 

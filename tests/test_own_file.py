@@ -229,6 +229,19 @@ def test_an_error_in_a_law_of_ones_own_is_said_with_its_line(
     assert "report" not in said
 
 
+def test_a_run_whose_law_is_not_here_asks_for_its_file(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert call("new", "law", "far_law") == 0
+    assert call("run", "circle", "-c", "far_law.py", "--duration", "0.1", "--out", "far.h5") == 0
+    del CONTROLLERS["far_law"]
+    capsys.readouterr()
+    assert call("run", "far.h5") == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "far.h5 was made with far_law, a law in a file of its author's" in said
+    assert "give that file: --controller far_law.py:FarLaw" in said
+
+
 def test_a_run_is_made_again_with_its_own_law_and_options_and_not_over_itself(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -28,7 +28,7 @@ from rcmqp.cli.options import (
     port_of,
     scenario_changes,
 )
-from rcmqp.controllers import make_controller, own_file
+from rcmqp.controllers import CONTROLLERS, make_controller, own_file
 from rcmqp.controllers.settings import controller_of, options_of
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
@@ -186,6 +186,11 @@ def _law(
         return controller_of(own_file.known(controller or "dual_quaternion"), settings)
     with opened(scenario) as run:
         head = Head.read(run)
+    if head.controller not in CONTROLLERS and head.given.file:
+        raise OptionError(
+            f"{scenario} was made with {head.controller}, a law in a file of its author's; give "
+            f"that file: --controller {head.given.file}"
+        )
     return head.controller, {**head.options, **options_of(head.controller, settings)}
 
 

@@ -160,7 +160,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
         )
     packages = entry.get("packages", [])
     if not isinstance(packages, list) or not all(isinstance(each, str) for each in packages):
-        raise ArmError(f"{path}: packages = {packages!r}, it must be a list of folders")
+        raise ArmError(f"{path}: packages = {packages!r:.80}, it must be a list of folders")
     found = tuple((path.parent / each).resolve() for each in packages)
     if missing := [each for each in found if not each.is_dir()]:
         raise ArmError(f"{path}: there is no folder {missing[0]}, which packages names")
@@ -179,7 +179,9 @@ def _toml(path: Path) -> dict[str, Any]:
         raise ArmError(f"{path} is not TOML: {error}") from error
     for table in TABLES:
         if not isinstance(entry.get(table, {}), dict):
-            raise ArmError(f"{path}: {table} = {entry[table]!r}, it must be a table: [{table}]")
+            raise ArmError(
+                f"{path}: {table} = {entry[table]!r:.80}, it must be a table: [{table}]"
+            )
     for table, known in KEYS.items():
         for key in entry.get(table, {}) if table else entry:
             if key not in known:

@@ -146,7 +146,10 @@ def load_arm(
     path = Path(name)
     own_file = path.suffix.lower() == ARM_FILE
     if not own_file and (path.suffix.lower() in URDF_ENDINGS or path.parent != Path()):
-        return _questioned(_load_urdf(path, flange, home, locked or {}, by_hand))
+        try:
+            return _questioned(_load_urdf(path, flange, home, locked or {}, by_hand))
+        except RcmqpError as error:
+            raise error.of(path)  # noqa: B904  (it is the same one)
     folder = None if own_file else _folder(str(name))
     if not own_file and folder is None:
         raise UnknownName("arm", str(name), arm_names())
@@ -156,9 +159,12 @@ def load_arm(
             f"{path.name if own_file else 'robot.toml'}"
         )
     if own_file:
-        file = read_arm_file(path, _robots())
-        arm = _load_file(file, str(name), by_hand, path.read_bytes())
-        return _questioned(arm, mounted="rpy" in file.entry["flange"])
+        try:
+            file = read_arm_file(path, _robots())
+            arm = _load_file(file, str(name), by_hand, path.read_bytes())
+            return _questioned(arm, mounted="rpy" in file.entry["flange"])
+        except RcmqpError as error:
+            raise error.of(path)  # noqa: B904  (it is the same one)
     assert folder is not None
     toml = folder / "robot.toml"
     made_of = None if str(name) in _own_names() else toml.read_bytes()
@@ -218,7 +224,7 @@ def _load_file(
         key: entry[key] for key in ("title", "licence", "srs_offsets") if key in entry
     }
     if "speed_near_limits" in entry:
-        about["speed_near_limits"] = SpeedNearLimits(**entry["speed_near_limits"])
+        about["speed_near_limits"] = _near_limits(entry["speed_near_limits"])
     return built(
         urdf,
         entry["flange"]["frame"],
@@ -231,6 +237,15 @@ def _load_file(
         by_hand=by_hand,
         **about,
     )
+
+
+def _near_limits(given: Any) -> SpeedNearLimits:
+    known = [item.name for item in dataclasses.fields(SpeedNearLimits)]
+    if not isinstance(given, Mapping) or sorted(given) != sorted(known):
+        raise ArmError(
+            f"speed_near_limits = {given!r:.80}, it must be a table of {', '.join(known)}"
+        )
+    return SpeedNearLimits(**given)
 
 
 def _load_urdf(
