@@ -144,6 +144,9 @@ def load_arm(
     }
     by_hand = {limit: value for limit, value in limits.items() if value is not None}
     path = Path(name)
+    urdf, _, frame = str(name).rpartition(":")
+    if urdf.lower().endswith(URDF_ENDINGS) and os.path.isfile(urdf):
+        raise ArmError(f"{name}: give the flange apart: --arm {urdf} --flange {frame}")
     own_file = path.suffix.lower() == ARM_FILE
     if not own_file and (path.suffix.lower() in URDF_ENDINGS or path.parent != Path()):
         try:
@@ -337,7 +340,7 @@ def built(
     joints = list(model.names)[1:]
     about = limits_of(urdf, joints) | _accelerations(own) | about
     if home is None:
-        notes.append("home is not given: searched, see there")
+        notes.append("home is not given, so it was searched")
     source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text, recipe=recipe)
     home = _by_joint(home, joints, name)
     arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
