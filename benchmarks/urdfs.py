@@ -2,8 +2,8 @@
 
 For each, the longest chain of the file is loaded, and its forward kinematics and position limits
 are compared with an independent reading of the XML. Prints a table; exits with 1 where one is off.
-With --helix, the paper's law and hierarchical_qp draw a conical helix at that link, or, where it is
-refused, at the next link towards the base that is not: a minute an arm.
+With --helix, the paper's law and hierarchical_qp draw a conical helix at that link, or, where it
+is refused, at the next link towards the base that is not: ten seconds an arm.
 
     python benchmarks/urdfs.py
     python benchmarks/urdfs.py --helix

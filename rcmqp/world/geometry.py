@@ -141,6 +141,7 @@ class Collisions:
 
     Shapes are the collision shapes of the URDF, of meshes the convex hulls; without any, capsules
     from joint to joint. Links that hang on the same or on neighbouring joints are no pair.
+    A wrist counts as straight, which it is at every start.
     """
 
     def __init__(self, arm: Arm, instrument: Instrument) -> None:
