@@ -2,12 +2,16 @@
 
 For each, the longest chain of the file is loaded, and its forward kinematics and position limits
 are compared with an independent reading of the XML. Prints a table; exits with 1 where one is off.
+With --helix, the paper's law and hierarchical_qp draw a conical helix at that link, or, where it
+is refused, at the next link towards the base that is not: ten seconds an arm.
 
     python benchmarks/urdfs.py
+    python benchmarks/urdfs.py --helix
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import math
 import sys
@@ -18,12 +22,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmqp import Arm, load_arm
-from rcmqp.errors import ArmError
+from rcmqp import Arm, compute_metrics, load_arm, load_scenario, make_controller, simulate
+from rcmqp.errors import ArmError, RcmqpError
 
 Array = NDArray[np.float64]
 MOVING = ("revolute", "continuous", "prismatic")
 LEAST, OFF = 6, 1e-12
+LAWS = ("dual_quaternion", "hierarchical_qp")
 
 
 def urdfs() -> list[Path]:
@@ -104,12 +109,42 @@ def limits_off(arm: Arm, chain: list[ET.Element]) -> float:
     return off
 
 
+def helix(path: Path, chain: list[ET.Element]) -> str:
+    """Link, shaft's tilt at the home, RCM and tip errors of both laws; or why there is no run."""
+    links = [str(joint.find("child").get("link")) for joint in chain[::-1]]  # type: ignore[union-attr]
+    reason = ""
+    for k, link in enumerate(links):
+        if moving(chain[: len(chain) - k]) < LEAST:
+            break
+        try:
+            load_arm(path, link)
+        except ArmError:
+            continue
+        try:
+            scenario = load_scenario("conical_helix", str(path), flange=link, period=0.002)
+            cells = [link]
+            for law in LAWS:
+                made = make_controller(law, scenario.insertion(), scenario.period)
+                found = compute_metrics(simulate(scenario, made))
+                kept = "" if max(found.speed_ratio_max, 0.0) <= 1.0 + 1e-9 else ", too fast"
+                kept += "" if found.limit_margin_min_rad >= -1e-9 else ", beyond a limit"
+                cells.append(f"{found.rcm_max_mm:.1e} mm, {found.tip_rms_mm:.2g} mm{kept}")
+            return " | ".join(cells)
+        except RcmqpError as error:
+            reason = reason or str(error).replace(f"{path}: ", "").replace(str(path), path.name)
+    return f"| {reason or 'no chain of six joints without a mimic'} |"
+
+
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--helix", action="store_true", help="draw a helix with both laws too")
+    given = parser.parse_args()
     warnings.simplefilter("ignore")
     rng, wrong = np.random.default_rng(7), 0
-    print("| URDF | link | joints | FK off | limits off | refused |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    more = [f"helix at | {' | '.join(f'{law}: RCM max, tip rms' for law in LAWS)} |"]
+    print("| URDF | link | joints | FK off | limits off | refused |", *more * given.helix)
+    print("| --- | --- | --- | --- | --- | --- |", *["--- | --- | --- |"] * given.helix)
     for path in urdfs():
         link, chain = longest(ET.parse(path).getroot())
         count = moving(chain)
@@ -119,7 +154,8 @@ def main() -> None:
             arm = load_arm(path, link)
         except ArmError as error:
             reason = str(error).replace(f"{path}: ", "").replace(str(path), path.name)
-            print(f"| {path.name} | {link} | {count} | | | {reason} |")
+            line = f"| {path.name} | {link} | {count} | | | {reason} |"
+            print(line, *([f"{helix(path, chain)} |"] if given.helix else []), flush=True)
             continue
         off = 0.0
         for _ in range(5):
@@ -129,7 +165,8 @@ def main() -> None:
             off = max(off, float(np.abs(pose - kinematics(chain, named)).max()))
         limits = limits_off(arm, chain)
         wrong += not (off < OFF and limits < OFF)
-        print(f"| {path.name} | {link} | {count} | {off:.1e} | {limits:.1e} | |")
+        line = f"| {path.name} | {link} | {count} | {off:.1e} | {limits:.1e} | |"
+        print(line, *([f"{helix(path, chain)} |"] if given.helix else []), flush=True)
     sys.exit(1 if wrong else 0)
 
 

@@ -7,8 +7,13 @@ program would want to look at.
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Self
+
+MOST_NAMES = 40
+"""Names that a message lists."""
 
 
 class RcmqpError(Exception):
@@ -17,6 +22,12 @@ class RcmqpError(Exception):
     def __reduce__(self) -> tuple[object, ...]:
         """Restore attributes in pickle, which would call the class with the message alone."""
         return _restored, (type(self), self.args), self.__dict__
+
+    def of(self, file: str | os.PathLike[str]) -> Self:
+        """The same error, with the file that it comes from before its message."""
+        if str(file) not in str(self):
+            self.args = (f"{file}: {self}",)
+        return self
 
 
 def _restored(kind: type[RcmqpError], arguments: tuple[object, ...]) -> RcmqpError:
@@ -45,9 +56,15 @@ class UnknownName(RcmqpError, LookupError):
         close = difflib.get_close_matches(name, self.known, n=3, cutoff=0.5)
         hint = f"; did you mean {' or '.join(close)}?" if close else ""
         files = [f"{name}{end}" for end in FILES.get(kind, ()) if name.isidentifier()]
-        if there := [file for file in files if Path(file).is_file()]:
+        if there := [file for file in files if os.path.isfile(file)]:
             hint = f"; there is a file {there[0]}: give that"
-        super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(self.known)})")
+        super().__init__(f"unknown {kind} {name!r:.80}{hint} (known: {_some(self.known)})")
+
+
+def _some(names: list[str]) -> str:
+    """The first MOST_NAMES of names, and how many more there are."""
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 class PluginError(RcmqpError):
@@ -78,8 +95,8 @@ class FrameNotFound(ArmError):
     def __init__(self, name: str, frames: Iterable[str]) -> None:
         self.name, self.frames = name, list(frames)
         close = difflib.get_close_matches(name, self.frames, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(close)}?" if close else f"it has {self.frames}"
-        super().__init__(f"no frame {name!r} in the model; {hint}")
+        hint = f"did you mean {' or '.join(close)}?" if close else f"it has {_some(self.frames)}"
+        super().__init__(f"no frame {name!r:.80} in the model; {hint}")
 
 
 class JointLimitViolated(RcmqpError):

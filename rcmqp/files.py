@@ -75,8 +75,14 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFileError(folder, f"cannot be made: {error}") from error
+    except FileExistsError as error:
+        raise RunFileError(folder, "is a file; give the name of a folder") from error
+    except NotADirectoryError as error:
+        file = next(each for each in folder.parents if each.exists())
+        raise RunFileError(folder, f"cannot be made: {file} is a file") from error
+    except (OSError, ValueError) as error:
+        reason = why(error) if isinstance(error, OSError) else "no name of a folder"
+        raise RunFileError(folder, f"cannot be made: {reason}") from error
     return folder
 
 
@@ -89,7 +95,7 @@ def remove(path: str | os.PathLike[str]) -> None:
     try:
         Path(path).unlink(missing_ok=True)
     except OSError as error:
-        raise RunFileError(Path(path), f"cannot be removed: {error.strerror}") from error
+        raise RunFileError(Path(path), f"cannot be removed: {why(error)}") from error
 
 
 @contextmanager
@@ -127,6 +133,23 @@ def absent(path: str | os.PathLike[str]) -> str:
         return "is no regular file" if path.exists() else "no such file"
     except (OSError, ValueError):  # too long a name, or NUL in it
         return "no such file"
+
+
+def check_readable(path: str | os.PathLike[str], what: str, most: int = 200_000_000) -> None:
+    """Refuse to read what is no regular file, which may never end, or has too many bytes.
+
+    Args:
+        path: the file.
+        what: it should be, such as ``"a CSV file"``.
+        most: bytes that it may have.
+
+    Raises:
+        OptionError: it is another thing, is not there, or is too large.
+    """
+    if not os.path.isfile(path):
+        raise OptionError(f"{path}: {absent(path)}; give the path of {what}")
+    if (size := os.path.getsize(path)) > most:
+        raise OptionError(f"{path} has {size} bytes, {what} has {most} at most")
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:

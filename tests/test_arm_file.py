@@ -191,7 +191,7 @@ WRONG = {
     "no such URDF": ('urdf = "q.urdf"\n[flange]\nframe = "l7"', r"q\.urdf: no such file"),
     "locked at a word": (
         'urdf = "r.urdf"\n[flange]\nframe = "l7"\n[locked]\nj3 = "zero"',
-        "j3 cannot be locked at zero",
+        "j3 cannot be locked at 'zero'; give a number",
     ),
     "limits of nobody": (
         'urdf = "r.urdf"\njerk = { j9 = 3 }\n[flange]\nframe = "l7"',
@@ -206,8 +206,9 @@ def test_a_file_that_says_something_wrong_is_refused_in_words(
 ) -> None:
     path = arm_file(tmp_path)
     path.write_text(text)
-    with pytest.raises(RcmqpError, match=message):
+    with pytest.raises(RcmqpError, match=message) as raised:
         load_arm(path)
+    assert str(tmp_path) in str(raised.value)  # the file, or the URDF that it names
 
 
 def test_a_missing_file_and_a_flange_beside_a_file_are_refused(tmp_path: Path) -> None:

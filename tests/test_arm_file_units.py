@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from test_arm_file import HOME, arm_file
 from test_urdf import urdf, write
 
 from rcmqp import load_arm
-from rcmqp.errors import ArmError, ArmWarning, RcmqpError
+from rcmqp.errors import ArmError, RcmqpError
 from rcmqp.experiments.compare import arm_and_flange
 from rcmqp.realtime.checks import LoopFault, check_speed
 from rcmqp.world.loading import arm_title
@@ -55,14 +54,17 @@ def test_a_home_of_ones_own_has_to_fit_the_joints(tmp_path: Path) -> None:
         ("[base]\nrpy = [180, 0, 0]", "degrees"),
         ("[flange]\nxyz = [0, 0, 120]", "millimetres"),
         ("[base]\nxyz = [0, 0, 900]", "millimetres"),
+        (RAIL.replace("-0.2", "-200").replace("0.6", "600"), "millimetres"),
+        ("position = [-170, 170]", "degrees"),
+        ("velocity = 98", "degrees"),
     ],
 )
-def test_a_placement_in_another_unit_is_questioned(tmp_path: Path, text: str, said: str) -> None:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+def test_what_an_arms_file_has_in_another_unit_is_questioned(
+    tmp_path: Path, text: str, said: str
+) -> None:
+    """And refused: what one wrote oneself and cannot mean is mended there."""
+    with pytest.raises(ArmError, match=rf"mine.toml: .* are these {said}\? .*: multiply by"):
         load_arm(like(tmp_path, text))
-    table = text.partition("\n")[0]
-    assert any(f"{table} " in str(w.message) and said in str(w.message) for w in caught)
 
 
 def test_a_base_that_is_very_far_away_is_refused_by_the_name_of_its_file(tmp_path: Path) -> None:
@@ -81,7 +83,7 @@ def test_a_home_in_degrees_is_questioned(tmp_path: Path) -> None:
     with pytest.raises(ArmError, match=r"are these degrees\? Home is in radians"):
         load_arm(arm_file(tmp_path, f"home = {degrees}"))
     endless = write(tmp_path, urdf().replace("revolute", "continuous"))
-    with pytest.warns(ArmWarning, match="are these degrees"):
+    with pytest.raises(ArmError, match=r"r.urdf: home has joint 'j2' .* are these degrees"):
         load_arm(endless, "l7", home=degrees)
 
 
@@ -111,3 +113,27 @@ def test_a_flange_goes_behind_any_urdf(ending: str) -> None:
 def test_a_file_has_its_own_title(tmp_path: Path) -> None:
     assert arm_title(str(arm_file(tmp_path, 'title = "Mine"'))) == "Mine"
     assert arm_title(str(tmp_path / "gone.toml")) == "gone"
+
+
+@pytest.mark.parametrize(
+    ("position", "said"),
+    [
+        (
+            "90",
+            r"panda_joint3 cannot be locked at 90 rad, .*are these degrees\? Multiply by 0.017",
+        ),
+        ("3.0", r"panda_joint3 cannot be locked at 3 rad, its limits are -2.8973 and 2.8973 rad$"),
+        ("nan", r"panda_joint3 cannot be locked at nan; give a number"),
+        (f"1{'0' * 400}", r"panda_joint3 cannot be locked at 10+; give a number"),
+        ("true", r"panda_joint3 cannot be locked at True; give a number"),
+        ('"0.3"', r"panda_joint3 cannot be locked at '0.3'; give a number"),
+    ],
+)
+def test_a_joint_is_locked_inside_its_limits_only(
+    tmp_path: Path, position: str, said: str
+) -> None:
+    with pytest.raises(ArmError, match=rf"mine.toml: {said}"):
+        load_arm(like(tmp_path, f"[locked]\npanda_joint3 = {position}"))
+    arm = load_arm(like(tmp_path, "[locked]\npanda_joint3 = 0.25"))
+    assert arm.source is not None
+    assert "locked: panda_joint3 at 0.25" in arm.source.notes

@@ -104,6 +104,10 @@ def test_what_cannot_be_run_is_a_row_that_says_why(tmp_path: Path) -> None:
     assert "did you mean lwa3" in row.failure
     assert "did you mean conical_helix" in other.failure
     assert math.isnan(row.rcm_max_mm)
+    (table, *_) = tables([row, made])
+    assert "failure" not in table.heads
+    (note,) = (note for note in table.notes if "lwa4" in note)
+    assert note.startswith("conical_helix on lwa4 with dual_quaternion could not be run: ")
     assert "did you mean lwa3" in as_markdown([row])
     before = (tmp_path / "comparison.csv").read_bytes()
     with pytest.raises(OptionError, match=r"\(nor could the 1 others\): .* did you mean lwa3"):

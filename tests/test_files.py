@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rcmqp.errors import RunFileError
-from rcmqp.files import check_writable, sweep, whole_file
+from rcmqp.files import check_writable, make_folder, sweep, whole_file
 
 
 def spoil(file: Path, failure: Exception) -> None:
@@ -45,6 +45,27 @@ def test_a_whole_file_takes_its_name_and_keeps_its_ending(tmp_path: Path) -> Non
         part.write_text("new")
         assert not (tmp_path / "x.txt").exists()
     assert [path.read_text() for path in tmp_path.iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("law.py", "law.py: is a file; give the name of a folder"),
+        ("law.py/out", "law.py/out: cannot be made: {}/law.py is a file"),
+        ("law.py/a/b", "law.py/a/b: cannot be made: {}/law.py is a file"),
+        ("x" * 300, "x: cannot be made: File name too long"),
+        ("a\0b", "cannot be made: no name of a folder"),
+    ],
+)
+def test_a_folder_that_cannot_be_made_is_said_without_an_error_number(
+    tmp_path: Path, name: str, said: str
+) -> None:
+    (tmp_path / "law.py").write_text("mine")
+    with pytest.raises(RunFileError) as raised:
+        make_folder(tmp_path / name)
+    assert said.format(tmp_path) in str(raised.value)
+    assert "Errno" not in str(raised.value)
+    assert (tmp_path / "law.py").read_text() == "mine"
 
 
 # Folders that several hosts share ------------------------------------------------------------

@@ -248,7 +248,7 @@ def test_a_missing_frame_is_answered_with_the_nearest_names(tmp_path: Path) -> N
     path = write(tmp_path, robot(*ARM))
     with pytest.raises(FrameNotFound, match=r"no frame 'forarm' .*did you mean forearm"):
         load_arm(path, "forarm")
-    with pytest.raises(FrameNotFound, match=r"no frame 'qqq' .*it has .*'shoulder'"):
+    with pytest.raises(FrameNotFound, match=r"no frame 'qqq' .*it has .*shoulder"):
         load_arm(path, "qqq")
 
 
@@ -276,3 +276,14 @@ def test_a_mimicking_joint_on_the_chain_is_refused_and_off_it_is_held(tmp_path: 
         load_arm(path, "tool0")
     with pytest.warns(ArmWarning, match="its y axis points outwards"):
         assert load_arm(path, "wrist_2_link").nv == 5
+
+
+@pytest.mark.parametrize("folder", ["", "robots/"])
+def test_a_flange_behind_a_urdf_is_asked_for_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robots").mkdir()
+    Path(f"{folder}mine.urdf").write_text("<robot/>")
+    with pytest.raises(ArmError, match=rf"apart: --arm {folder}mine.urdf --flange tool0"):
+        load_arm(f"{folder}mine.urdf:tool0")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -94,9 +95,56 @@ def test_new_writes_over_nothing_and_wants_a_name(capsys: pytest.CaptureFixture[
     assert "mine.urdf is there already" in capsys.readouterr().err
     assert not Path("mine.toml").exists()
     assert Path("mine.urdf").read_text() == "mine"
-    for name in ("3x", "../x", "class", "a b", ""):
+    for name in ("3x", "../x", "class", "a b", "", "_", "__"):
         assert call("new", "law", name) == 1
         assert "letters, digits and underscores" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("law", "numpy", "a Python module"),
+        ("law", "json", "a Python module"),
+        ("law", "sys", "a Python module"),
+        ("scenario", "rcmqp", "a Python module"),
+        ("law", "hierarchical_qp", "a controller that is there already"),
+        ("law", "command", "a name that the file needs for itself, Command"),
+        ("law", "rcm_task", "a name that the file needs for itself, RcmTask"),
+        ("scenario", "circle", "a scenario that is there already"),
+        ("arm", "panda", "an arm that is there already"),
+    ],
+)
+def test_new_takes_no_name_that_is_taken(
+    kind: str, name: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A numpy.py in the folder would break every Python that starts there."""
+    assert call("new", kind, name) == 1
+    assert f"{name} is {said}" in capsys.readouterr().err
+    assert list(Path().iterdir()) == []
+    assert call("new", "arm", "json") == 0  # which hides nothing from Python
+
+
+@pytest.mark.parametrize("setting", ["gain=-3", "gain=0", "damping=-1", "gain=2000"])
+def test_the_template_of_a_law_refuses_what_makes_it_unstable(
+    setting: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("new", "law", "steady_law") == 0
+    assert call("run", "circle", "-c", "steady_law.py", "--set", setting) == 1
+    assert re.search(rf"{setting[:4]}\w* .*it must be", capsys.readouterr().err)
+
+
+def test_advice_names_options_that_the_law_has(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("new", "law", "advised_law") == 0
+    ran = ("run", "into_joint_limit", "--duration", "6", "-c")
+    assert call(*ran, "advised_law.py") == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "left its position limits by" in said
+    assert (
+        "advised_law does not count position limits; start elsewhere warning" in f"{said} warning"
+    )
+    assert call(*ran, "dual_quaternion") == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "try --set objective=joint_centring or --set K_c=0" in said
 
 
 def test_a_file_of_several_laws_wants_one_named() -> None:
@@ -180,6 +228,19 @@ def test_an_error_in_a_law_of_ones_own_is_said_with_its_line(
     said = capsys.readouterr().err
     assert "slip.py, line 10, in _step: AttributeError" in said
     assert "report" not in said
+
+
+def test_a_run_whose_law_is_not_here_asks_for_its_file(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert call("new", "law", "far_law") == 0
+    assert call("run", "circle", "-c", "far_law.py", "--duration", "0.1", "--out", "far.h5") == 0
+    del CONTROLLERS["far_law"]
+    capsys.readouterr()
+    assert call("run", "far.h5") == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "far.h5 was made with far_law, a law in a file of its author's" in said
+    assert "give that file: --controller far_law.py:FarLaw" in said
 
 
 def test_a_run_is_made_again_with_its_own_law_and_options_and_not_over_itself(

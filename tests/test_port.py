@@ -128,6 +128,7 @@ def test_the_command_line_takes_the_port(capsys: pytest.CaptureFixture[str]) -> 
         (("--trocar", "0.45,0.1,high"), "give three numbers"),
         (("--depth", "120"), "it is in m"),
         (("--cone", "200"), "give an angle between 0 and 180 degrees"),
+        (("--cone", "0.7"), "it is in degrees; are these radians? Then give 40.1"),
         (("--trocar", "4,0,0"), "cannot put the shaft through the trocar"),
     ):
         assert run_cli(*RUN, *words) == 1

@@ -234,7 +234,10 @@ def test_a_full_disk_is_said_of_the_file_in_the_reports_own_folder(
 
 @pytest.mark.parametrize(
     ("content", "out", "message"),
-    [(b"\x89HDF\r\n\x1a\nrest", "new", "damaged"), (None, "taken", "cannot be made")],
+    [
+        (b"\x89HDF\r\n\x1a\nrest", "new", "damaged"),
+        (None, "taken", "is a file; give the name of a folder"),
+    ],
 )
 def test_the_command_refuses_what_it_cannot_read_or_write(
     runs: list[Run],

@@ -56,7 +56,9 @@ def test_five_joints_have_an_objective_of_their_own(tmp_path: Path, axes: str) -
     )
     assert np.array_equal(own.step(state, view).v, named.step(state, view).v)
     for objective in ("manipulability", "least_singular_value"):
-        with pytest.raises(OptionError, match=r"has 5 joints, .* use objective=joint_centring"):
+        with pytest.raises(
+            OptionError, match=r"has 5 joints, .* use the objective joint_centring"
+        ):
             make_controller("hierarchical_qp", insertion, 0.001, objective=objective)
 
 

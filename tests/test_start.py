@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import assert_allclose
 from public_arms import PUBLIC_ARMS, write_public_arm
-from test_urdf import urdf
+from test_urdf import urdf, write
 
 from rcmqp import (
     Arm,
@@ -155,3 +156,32 @@ def test_a_scenario_takes_a_wished_trocar() -> None:
     trocar = trocar_near_home(load_arm("lwa3"), np.random.default_rng(7))
     assert scenario("lwa3", trocar=trocar).trocar == trocar
     assert load_scenario("conical_helix", "lwa3").trocar != trocar
+
+
+def fan(count: int) -> list[tuple[tuple[float, float, float], ...]]:
+    """Triangles of a cone whose point has ``count`` neighbours; two of them make it flat."""
+    turns = 2.0 * math.pi * np.arange(count) / count
+    rim = [(0.05 * math.cos(t), 0.05 * math.sin(t), 0.0) for t in turns]
+    return [((0.0, 0.0, 0.1), rim[i], rim[(i + 1) % count]) for i in range(count)]
+
+
+@pytest.mark.parametrize("count", [2, 12, 300])
+def test_a_mesh_of_any_shape_stands_in_the_way(tmp_path: Path, count: int) -> None:
+    """Coal takes no hull of a flat mesh, nor of one whose point has more than 255 neighbours."""
+    corners = ""
+    for each in fan(count):
+        points = "".join(f"vertex {x} {y} {z}\n" for x, y, z in each)
+        corners += f"facet normal 0 0 0\nouter loop\n{points}endloop\nendfacet\n"
+    (tmp_path / "fan.stl").write_text(f"solid fan\n{corners}endsolid fan\n")
+    shape = '<collision><origin xyz="0 0 0.2"/><geometry><mesh filename="fan.stl"/></geometry>'
+    text = urdf().replace('<link name="l0"/>', f'<link name="l0">{shape}</collision></link>')
+    arm = load_arm(write(tmp_path, text), "l7", home=[0.0, 0.6, 0.0, 1.2, 0.0, 1.2, 0.0])
+    collisions = Collisions(arm, SCOPE)
+    assert collisions.first(arm.home) == ""
+    low = np.array([0.0, 1.0, 0.0, 2.4, 0.0, 1.2, 0.0])  # the shaft comes back to the base
+    touching = [
+        collisions.first(low + np.array([0.0, a, 0.0, 0.0, 0.0, b, 0.0]))
+        for a in np.linspace(-1.0, 1.0, 9)
+        for b in np.linspace(-2.0, 1.0, 13)
+    ]
+    assert "l0 and the shaft" in touching

@@ -66,3 +66,25 @@ def test_people_of_a_study_use_the_instrument_that_is_given(
     assert isinstance(made.path, CameraTrial)
     assert made.path.task.towards == pytest.approx((0.0, 0.5, math.sqrt(0.75)), abs=1e-5)
     assert dataclasses.replace(asked[0], instrument=None).trials()[0].made() != made
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nosuchfolder", "no folder of rcmqp trial and no scenario of this name; rcmqp scenarios"),
+        ("camera_tsk", "no folder of rcmqp trial and no scenario of this name; did you mean cam"),
+        (".", "the folder has no study.json; give a folder that rcmqp trial made"),
+    ],
+)
+def test_what_is_neither_a_scenario_nor_a_trials_folder_is_said(
+    name: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(["study", name])
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []

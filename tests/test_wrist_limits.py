@@ -14,7 +14,7 @@ from helpers import assert_allclose, derivative
 from limit_parts import T, reference
 from wristed import ARMS, NEEDLE_DRIVER, chain_by_hand, inserted, somewhere
 
-from rcmqp import Scenario, make_controller, simulate
+from rcmqp import Instrument, Scenario, load_arm, make_controller, simulate
 from rcmqp.errors import OptionError
 from rcmqp.limits import Limit, make_limit
 from rcmqp.maths import dualquaternion as dq
@@ -40,9 +40,9 @@ def rooms(name: str, part: str, insertion: Insertion, q: Array, centre: Array) -
     chain = chain_by_hand(insertion, q)
     points = [np.asarray(place.translation) for place in chain]
     if name == "trocar_depth":
-        depth = (points[-1] - insertion.trocar.pivot) @ chain[0].rotation[:, 2]
+        depths = [(p - insertion.trocar.pivot) @ chain[0].rotation[:, 2] for p in points]
         low, high = insertion.trocar.depth_range
-        return [high - depth, depth - low]
+        return [high - depths[3], depths[3] - low, high - depths[1], high - depths[2]]
     outer, inner = RADIUS + NEEDLE_DRIVER.radius, RADIUS - NEEDLE_DRIVER.radius
     segments = [off(centre, points[i : i + 2]) for i in range(3)]
     if name == "entry_sphere":
@@ -146,3 +146,40 @@ def test_a_wrist_has_six_joints_at_most() -> None:
     joints = [WristJoint(f"j{k}", (0.0, 1.0, 0.0), (-1.0, 1.0), 1.0) for k in range(7)]
     with pytest.raises(OptionError, match="1 to 6 joints"):
         Wrist(tuple(joints))
+
+
+def test_a_wrist_bent_back_on_itself_does_not_take_its_joints_too_deep() -> None:
+    """The tool's point is in the range all the way; a joint before it, deeper, decides."""
+    wrist = NEEDLE_DRIVER.wrist
+    assert wrist is not None
+    joints = tuple(dataclasses.replace(joint, position=(-2.5, 2.5)) for joint in wrist.joints)
+    instrument = dataclasses.replace(
+        NEEDLE_DRIVER, wrist=dataclasses.replace(wrist, joints=joints)
+    )
+    insertion = inserted("panda", instrument)
+    angles = insertion.angles_start.copy()
+    angles[-2] = 2.4  # pitch: the tool points back along the shaft
+    wide = insertion.trocar
+    q = insertion.arm.configuration(angles)
+    points = [place.translation for place in chain_by_hand(insertion, q)]
+    shaft = insertion.arm.state(q).oMe.rotation[:, 2]
+    depths = [float((point - np.array(wide.pivot)) @ shaft) for point in points]
+    assert depths[3] < depths[2] < depths[1]
+    trocar = dataclasses.replace(wide, depth_range=(0.0, depths[1] - 0.001))
+    limit = make_limit("trocar_depth", insertion, T)
+    limit = dataclasses.replace(limit, trocar=trocar, gain=GAIN)  # type: ignore[call-arg]
+    found = limit.evaluate(insertion.state(q), reference(np.array(trocar.pivot)))
+    rooms_now = dict(zip(found.names, found.d / GAIN, strict=True))
+    assert rooms_now["trocar depth, deepest"] > 0.0
+    assert rooms_now["trocar depth, wrist_pitch deepest"] == pytest.approx(-0.001, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["trocar_depth", "keep_out", "keep_in"])
+def test_a_limit_for_a_wrist_is_refused_on_an_arm_without_one(name: str) -> None:
+    insertion, centre = inserted("panda"), np.zeros(3)
+    limit = made(name, "" if name == "trocar_depth" else "shaft", insertion, centre)
+    alone = Insertion.on_shaft(load_arm("panda"), Instrument())
+    with pytest.raises(ValueError, match="the block is for a wrist, the arm has none"):
+        limit.evaluate(alone.state(alone.q_start), reference(np.array(alone.trocar.pivot)))
+    with pytest.raises(OptionError, match=r"whose wrist has 3 joints, here the wrist has 0; make"):
+        make_controller("hierarchical_qp", alone, T, limits=[limit])

@@ -15,7 +15,7 @@ from rcmqp.cli import console
 from rcmqp.cli.console import err, out
 from rcmqp.cli.options import AsJson, FlangeOption
 from rcmqp.errors import OptionError, UnknownName
-from rcmqp.files import absent
+from rcmqp.files import check_readable
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.calibration import Calibration, calibrate_tool, calibrate_trocar, weakness
 from rcmqp.world.loading import load_arm
@@ -112,8 +112,7 @@ def _numbers(values: Array, style: str = ".5f") -> str:
 
 def _rows(file: Path) -> list[dict[str, str]]:
     """The lines of a CSV file by the names of its columns."""
-    if file.is_dir() or not file.exists():
-        raise OptionError(f"{file}: {absent(file)}; give the path of a CSV file")
+    check_readable(file, "a CSV file")
     try:
         with file.open(encoding="utf-8-sig", newline="") as text:
             reader = csv.DictReader(text, skipinitialspace=True)

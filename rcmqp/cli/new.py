@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import keyword
+import re
+import sys
 import tomllib
 from collections.abc import Sequence
 from enum import StrEnum
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rcmqp.cli import console
+from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.files import check_writable, write_text
-from rcmqp.world.loading import load_arm
+from rcmqp.runs.loading import scenario_names
+from rcmqp.world.loading import arm_names, load_arm
 
 LAW = '''"""A controller of one's own; run it with
 
@@ -25,11 +30,13 @@ LAW = '''"""A controller of one's own; run it with
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rcmqp.controllers import Command, Controller
+from rcmqp.controllers.checks import bounded_gain
+from rcmqp.maths.options import positive
 from rcmqp.references.view import Reference
 from rcmqp.tasks import RcmTask, RollTask, TipTask
 from rcmqp.world.arm import ArmState
@@ -48,8 +55,8 @@ class {title}(Controller):
     feed_forward = True
     holds_roll = True
 
-    gain: float = 60.0
-    damping: float = 1e-3
+    gain: float = field(default=60.0, metadata=bounded_gain())
+    damping: float = field(default=1e-3, metadata=positive())
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         tasks = RcmTask(period=self.period), TipTask(self.insertion.tip_depth), RollTask()
@@ -143,11 +150,13 @@ def new(
 
       rcmqp new arm ceiling --set like=lwa3 --set 'base.xyz=[0,0,2]' --set 'base.rpy=[3.1416,0,0]'
     """
-    if not name.isidentifier() or keyword.iskeyword(name):
+    title = "".join(word.capitalize() for word in name.split("_"))
+    if not name.isidentifier() or keyword.iskeyword(name) or not title.isidentifier():
         raise OptionError(f"{name}: letters, digits and underscores, such as my_{kind.value}")
+    if taken := _taken(kind, name, title):
+        raise OptionError(f"{name} is {taken}; give another name, such as my_{name}")
     if settings and kind is not Kind.arm:
         raise OptionError(f"--set is of an arm's file; a {kind.value} is changed in its own file")
-    title = "".join(word.capitalize() for word in name.split("_"))
     texts = {
         Kind.law: {f"{name}.py": LAW},
         Kind.scenario: {f"{name}.py": SCENARIO},
@@ -164,6 +173,25 @@ def new(
         if settings:
             _check_arm(Path(file))
         console.print_written(Path(file))
+
+
+def _taken(kind: Kind, name: str, title: str) -> str:
+    """What has the name already, where a file of that name would hide it; else nothing."""
+    if kind is Kind.law and name in CONTROLLERS:
+        return "a controller that is there already"
+    if kind is Kind.scenario and name in scenario_names():
+        return "a scenario that is there already"
+    if kind is Kind.arm and name in arm_names():
+        return "an arm that is there already"
+    if kind is Kind.law and re.search(rf"\b{title}\b", LAW):
+        return f"a name that the file needs for itself, {title}"
+    if kind is Kind.arm:
+        return ""
+    here = [str(Path.cwd()), ""]
+    elsewhere = [folder for folder in sys.path if folder not in here]
+    if name in sys.builtin_module_names or PathFinder.find_spec(name, elsewhere):
+        return "a Python module, which a file of that name would hide from Python"
+    return ""
 
 
 def _arm_file(settings: Sequence[str]) -> str:

@@ -92,6 +92,9 @@ InstrumentOption = Annotated[
         "scenario's, without it.",
     ),
 ]
+RADIANS = math.pi / 2.0
+"""An angle in degrees below this may be in radians."""
+
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
 Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
@@ -132,6 +135,11 @@ def port_of(
         return {}
     if cone is not None and not 0.0 < cone < 180.0:
         raise OptionError(f"--cone {cone:g}: give an angle between 0 and 180 degrees")
+    if cone is not None and cone < RADIANS:
+        raise OptionError(
+            f"--cone {cone:g}: it is in degrees; are these radians? Then give "
+            f"{math.degrees(cone):.3g}"
+        )
     if depth is not None and not 0.0 < depth < 1.0:
         raise OptionError(f"--depth {depth:g}: it is in m; give one below 1, such as 0.1")
     port = Port(

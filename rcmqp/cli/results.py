@@ -100,8 +100,7 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
         )
         texts.append(
             f"{where} left its position limits by {-metrics.limit_margin_min_rad:.3g} "
-            f"{joint_units(head)[joint]}; start elsewhere, or try --set "
-            "objective=joint_centring or --set K_c=0"
+            f"{joint_units(head)[joint]}{_uncounted(head, 'position')}; {_away_from_limits(head)}"
         )
     if metrics.rcm_max_mm > RCM_WARNING_MM:
         texts.append(f"the RCM error reached {metrics.rcm_max_mm:.3g} mm")
@@ -135,6 +134,16 @@ def _uncounted(head: Head, limit: str) -> str:
     limits = head.given.limits
     known = limits is None or limit in limits
     return "" if known else f": {head.controller} does not count {limit} limits"
+
+
+def _away_from_limits(head: Head) -> str:
+    """Return what to do about joints at their limits, by options that the controller has."""
+    tries = []
+    if head.options.get("objective", "joint_centring") != "joint_centring":
+        tries.append("--set objective=joint_centring")
+    if head.options.get("K_c"):
+        tries.append("--set K_c=0")
+    return "start elsewhere" + (f", or try {' or '.join(tries)}" if tries else "")
 
 
 def run_json(result: Recording, metrics: Metrics) -> dict[str, Any]:

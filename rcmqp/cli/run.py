@@ -12,7 +12,7 @@ import typer
 from rcmqp.cli import console
 from rcmqp.cli import options as ask
 from rcmqp.cli.results import print_run
-from rcmqp.controllers import make_controller
+from rcmqp.controllers import CONTROLLERS, make_controller
 from rcmqp.controllers.settings import controller_of, options_of, registered
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
@@ -170,6 +170,11 @@ def _law(
         return controller_of(registered(controller or "dual_quaternion"), settings)
     with opened(scenario) as run:
         head = Head.read(run)
+    if head.controller not in CONTROLLERS and head.given.file:
+        raise OptionError(
+            f"{scenario} was made with {head.controller}, a law in a file of its author's; give "
+            f"that file: --controller {head.given.file}"
+        )
     return head.controller, {**head.options, **options_of(head.controller, settings)}
 
 

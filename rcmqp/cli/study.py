@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +15,7 @@ from rcmqp.cli.console import print_written, say
 from rcmqp.controllers.settings import controller_of, registered
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
+from rcmqp.runs.loading import scenario_names
 
 if TYPE_CHECKING:
     from rcmqp.experiments.study.outcome import Outcome
@@ -123,6 +125,7 @@ def study(
             )
         _people(Path(scenario), operators or 0, seed, jobs, as_json)
         return
+    _check_known(scenario)
     operators = 20 if operators is None else operators
     given = ask.scenario_changes(None, period=period)
     laws = [
@@ -149,6 +152,21 @@ def study(
     text, files = write_tables(performed)
     files += write_figures(performed)
     _print(performed.outcomes, performed.notes, [text], files, as_json)
+
+
+def _check_known(scenario: str) -> None:
+    """Refuse what is neither a scenario's name, nor its file, nor a folder of rcmqp trial."""
+    if scenario.endswith((".py", ".json")) or scenario.replace("-", "_") in scenario_names():
+        return
+    if Path(scenario).is_dir():
+        raise OptionError(
+            f"{scenario}: the folder has no study.json; give a folder that rcmqp trial made"
+        )
+    close = difflib.get_close_matches(scenario, scenario_names(), n=1, cutoff=0.7)
+    raise OptionError(
+        f"{scenario}: there is no folder of rcmqp trial and no scenario of this name"
+        + (f"; did you mean {close[0]}?" if close else "; rcmqp scenarios lists the scenarios")
+    )
 
 
 def _settings(

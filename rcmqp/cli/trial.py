@@ -11,6 +11,8 @@ from rcmqp.cli.console import out
 from rcmqp.cli.opening import opening
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, ToolMissing
+from rcmqp.files import check_readable
+from rcmqp.runs.untrusted import MOST_TEXT
 
 if TYPE_CHECKING:
     from rcmqp.experiments.trial.design import Design
@@ -146,6 +148,7 @@ def _design(
         chosen = read_task(task)
     text = ""
     if consent is not None:
+        check_readable(consent, "a text", MOST_TEXT)
         try:
             text = consent.read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:

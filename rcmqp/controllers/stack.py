@@ -65,8 +65,8 @@ class Stack:
             numbers: names of what is recorded of a step, four more than there are levels.
 
         Raises:
-            OptionError: a task or a limit of the library is for another number of joints, or one
-                has a method of its own that would not be asked.
+            OptionError: a task or a limit of the library is for another number of joints, or
+                another wrist, or one has a method of its own that would not be asked.
             UnknownName, SolverNotInstalled: the backend is not known, or its package is missing.
         """
         self.levels, self.limits = tuple(levels), tuple(limits)
@@ -80,6 +80,13 @@ class Stack:
                 raise OptionError(
                     f"{type(item).__name__} is for {block.joints} joints, {arm.name} has "
                     f"{arm.nv}; make it for this arm"
+                )
+            has = len(arm.wrist.joints) if arm.wrist else 0
+            if block and block.bends not in (0, has):
+                raise OptionError(
+                    f"{type(item).__name__} is for an instrument whose wrist has "
+                    f"{block.bends:.0f} joints, here the wrist has {has}; make it for this "
+                    "insertion: made_for(insertion, period)"
                 )
         self._hierarchy = Hierarchy(backend)
         self._joints, self._nv = arm.joints, arm.nv

@@ -250,6 +250,10 @@ static PyObject *rows_at(const Block *block, const Cycle *cycle)
         PyErr_Format(PyExc_ValueError, "the block is for %d joints, the arm has %d", block->n, n);
         return NULL;
     }
+    if (block->bends > 0.0 && cycle->x_t == NULL) {
+        PyErr_SetString(PyExc_ValueError, "the block is for a wrist, the arm has none");
+        return NULL;
+    }
     const size_t size = (size_t)(m * (n + 2) + 2 * n) + memory_for_objective(n);
     Arena arena = {PyMem_Malloc(sizeof(double) * size), 0};
     if (arena.memory == NULL) return PyErr_NoMemory();
@@ -371,6 +375,8 @@ static PyMethodDef methods[] = {
 static PyMemberDef members[] = {
     {"joints", T_INT, offsetof(BlockObject, block) + offsetof(Block, n), READONLY,
      "Joints that it is for; 0 for any arm."},
+    {"bends", T_DOUBLE, offsetof(BlockObject, block) + offsetof(Block, bends), READONLY,
+     "Joints of the wrist that it is for; 0 without one."},
     {NULL, 0, 0, 0, NULL},
 };
 

@@ -113,25 +113,35 @@ static void add_wrist(const Cycle *cycle, const Chain *chain, const double *poin
     }
 }
 
-static void depth_rows(const Cycle *cycle, const Block *block, double *C, double *d)
+/* One row that keeps place k from being too deep; or, with the side -1, too shallow. */
+static void depth_row(const Cycle *cycle, const Block *block, const Chain *chain, int k,
+                      double side, double *C, double *d)
 {
-    const int n = cycle->n;
-    const double in[3] = {0.0, 0.0, 1.0}, out[3] = {0.0, 0.0, -1.0};
+    const double way[3] = {0.0, 0.0, side};
     double r[3], drift[3], nu[3], omega[3], a[3];
-    Chain chain;
-    see_chain(cycle, block, &chain);
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, drift);
-    for (int j = 0; j < n; ++j) {
+    for (int j = 0; j < cycle->n; ++j) {
         column(cycle, j, nu, omega);
         cross(r, omega, a);
-        C[j] = nu[2] - a[2], C[n + j] = a[2] - nu[2];
+        C[j] = side * (nu[2] - a[2]);
     }
-    const double *tip = chain.place[chain.bends], depth = tip[2] - r[2];
-    add_wrist(cycle, &chain, tip, chain.bends, in, C);
-    add_wrist(cycle, &chain, tip, chain.bends, out, C + n);
-    d[0] = paced(cycle, block, C, block->deepest - depth, drift[2]);
-    d[1] = paced(cycle, block, C + n, depth - block->shallowest, -drift[2]);
+    add_wrist(cycle, chain, chain->place[k], k, way, C);
+    const double depth = chain->place[k][2] - r[2];
+    const double room = side > 0.0 ? block->deepest - depth : depth - block->shallowest;
+    d[0] = paced(cycle, block, C, room, side * drift[2]);
+}
+
+/* The tip's two; then where each piece of a wrist begins, which a bent one has deeper. */
+static void depth_rows(const Cycle *cycle, const Block *block, double *C, double *d)
+{
+    Chain chain;
+    see_chain(cycle, block, &chain);
+    depth_row(cycle, block, &chain, chain.bends, 1.0, C, d);
+    depth_row(cycle, block, &chain, chain.bends, -1.0, C += cycle->n, ++d);
+    for (int k = 0; k < chain.bends; ++k)
+        if (length_of(block, k) > 0.0)
+            depth_row(cycle, block, &chain, k, 1.0, C += cycle->n, ++d);
 }
 
 /* A sphere's centre b (3) and its velocity (3), seen from the effector; limits/instrument.py. */

@@ -225,7 +225,8 @@ int rows_of(const Block *block, int n)
     if ((block->n != 0 && block->n != n) || block->bends > n) return -1;
     const int tip_only = block->first == block->last;
     switch (block->kind) {
-    case RCM: case DIRECTION: case TROCAR_DEPTH: return 2;
+    case RCM: case DIRECTION: return 2;
+    case TROCAR_DEPTH: return 2 + pieces_of(block);
     case TIP: case ORIENTATION: return 3;
     case POSE: return 8;
     case POSTURE: case OBJECTIVE: return n;

@@ -66,14 +66,6 @@ class SphereLimit(CompiledLimit, Damper):
         """Where the shaft ends, from the effector [m]; the tip, or the first joint of a wrist."""
         return shaft_depth(self.instrument.wrist, self.tip_depth)
 
-    def pieces(self) -> tuple[str, ...]:
-        """The joint that each piece of the wrist begins at; pieces without length are none."""
-        wrist = self.instrument.wrist
-        if wrist is None:
-            return ()
-        pairs = zip(wrist.joints, wrist.pieces, strict=True)
-        return tuple(joint.name for joint, length in pairs if length > 0.0)
-
     def ball(self, kind: str, reach: float, first: float, **wrist: Any) -> Block:
         """Rows for the axis from ``first`` on, ``reach`` from the centre or less [m]."""
         return Block(
@@ -107,6 +99,14 @@ class SphereLimit(CompiledLimit, Damper):
 def shaft_depth(wrist: Wrist | None, tip_depth: float) -> float:
     """From the effector to the first joint of a wrist, or to the tip without one [m]."""
     return tip_depth if wrist is None else tip_depth - sum(wrist.pieces)
+
+
+def pieces(wrist: Wrist | None) -> tuple[str, ...]:
+    """The joint that each piece of a wrist begins at; pieces without length are none."""
+    if wrist is None:
+        return ()
+    pairs = zip(wrist.joints, wrist.pieces, strict=True)
+    return tuple(joint.name for joint, length in pairs if length > 0.0)
 
 
 def bends(wrist: Wrist | None) -> dict[str, Any]:
@@ -154,8 +154,8 @@ class KeepOut(SphereLimit):
     @property
     def row_names(self) -> tuple[str, ...]:
         """Names for the tip, or for the shaft and each piece of a wrist, by its first joint."""
-        pieces = self.pieces() if self.part == "shaft" else ()
-        return tuple(f"{self.label}, {part} out" for part in (self.part, *pieces))
+        beyond = pieces(self.instrument.wrist) if self.part == "shaft" else ()
+        return tuple(f"{self.label}, {part} out" for part in (self.part, *beyond))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -182,7 +182,8 @@ class KeepIn(SphereLimit):
     @property
     def row_names(self) -> tuple[str, ...]:
         """Names for the tip, for the joints of a wrist, and for the mount."""
-        ends = ("tip", *self.pieces(), "mount") if self.part == "shaft" else ("tip",)
+        wrist = pieces(self.instrument.wrist)
+        ends = ("tip", *wrist, "mount") if self.part == "shaft" else ("tip",)
         return tuple(f"{self.label}, {end} in" for end in ends)
 
 
@@ -259,7 +260,8 @@ class TrocarDepth(CompiledLimit, Damper):
         depth' <= pace(deepest - depth),   -depth' <= pace(depth - shallowest).
 
     q' is zero except for a wrist: then q is the tool's point where it is, and a wrist that bends
-    brings it out.
+    brings it out. If the wrist bends far, its joints are deeper than the tool's point: the end of
+    the shaft, and the start of each further piece, have a row for their own greatest depth.
 
     Attributes:
         trocar: its depth range.
@@ -275,7 +277,7 @@ class TrocarDepth(CompiledLimit, Damper):
 
     @functools.cached_property
     def block(self) -> Block:
-        """Two rows [m/s]: the deepest, the shallowest."""
+        """Rows [m/s]: deepest and shallowest of the tip; deepest of a wrist's joints."""
         shallowest, deepest = self.trocar.depth_range
         return Block(
             "trocar_depth",
@@ -288,5 +290,6 @@ class TrocarDepth(CompiledLimit, Damper):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Names of the two rows."""
-        return ("trocar depth, deepest", "trocar depth, shallowest")
+        """Names for the tip's two rows, and for each piece of a wrist."""
+        joints = (f"trocar depth, {joint} deepest" for joint in pieces(self.wrist))
+        return ("trocar depth, deepest", "trocar depth, shallowest", *joints)

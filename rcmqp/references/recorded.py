@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp.errors import OptionError
-from rcmqp.files import absent
+from rcmqp.files import check_readable
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.instrument import Vector3
 
@@ -77,8 +77,7 @@ class Recorded:
         Raises:
             OptionError: the file cannot be read, or a column, unit or number is not allowed.
         """
-        if os.path.isdir(path) or not os.path.exists(path):
-            raise OptionError(f"{path}: {absent(path)}; give the path of a CSV file")
+        check_readable(path, "a CSV file")
         try:
             with open(path, encoding="utf-8-sig", newline="") as stream:
                 lines = (line for line in stream if line.strip() and not line.startswith("#"))

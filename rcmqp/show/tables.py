@@ -33,7 +33,7 @@ class Row:
     rcmqp.runs.vocabulary says what each number means. ``setting`` is the controller's as Case has
     it, empty if it is not known; ``limits_kept`` is None of a case that was not run; ``file`` is
     the name of the run's file in the comparison's folder. Of a case that failed, ``failure`` says
-    why, and its numbers are NaN.
+    why, as a sentence below the table, and its numbers are NaN.
     """
 
     scenario: str
@@ -247,11 +247,13 @@ def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
     lead = lead or ["controller"]
     title = f": {_words(done[0], [name for name in _LEAD if name not in lead])}" if done else ""
     errors = _table(f"Errors and limits{title}", rows, lead, _ERRORS)
-    tables = [dataclasses.replace(errors, notes=remarks(rows))]
-    if len(done) < len(rows):
-        cells = [[*texts, row.failure] for texts, row in zip(tables[0].rows, rows, strict=True)]
-        heads = [*tables[0].heads, MEASURES["failure"].column]
-        tables[0] = dataclasses.replace(tables[0], heads=heads, rows=cells)
+    failures = [
+        " ".join([row.scenario, *(["on", row.arm] if row.arm else [])])
+        + f" with {_lead(row, 'controller')} could not be run: {row.failure}"
+        for row in rows
+        if row.failure
+    ]
+    tables = [dataclasses.replace(errors, notes=[*failures, *remarks(rows)])]
     if done:
         more = dataclasses.replace(_table(f"More{title}", done, lead, _MORE), main=False)
         tables += [_table(f"Over time{title}", done, lead, _OVER_TIME), more]

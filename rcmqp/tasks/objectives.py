@@ -132,7 +132,7 @@ class SingularityProduct(CompiledObjective):
         if arm.srs_offsets is None:
             raise OptionError(
                 f"{arm.name} is no spherical-revolute-spherical arm (robot.toml gives no "
-                "srs_offsets); use objective=manipulability or least_singular_value"
+                "srs_offsets); manipulability and least_singular_value are for any arm"
             )
         self._offsets = arm.srs_offsets
 
@@ -193,7 +193,7 @@ def _of_six(objective: Objective, arm: Arm) -> Objective:
     if arm.nv < 6:
         raise OptionError(
             f"{arm.name} has {arm.nv} joints, and of fewer than six no singular value says "
-            "anything; use objective=joint_centring"
+            "anything; use the objective joint_centring"
         )
     return objective
 

@@ -465,7 +465,10 @@ def _checked(values: ArrayLike, size: int, what: str) -> Array:
 
 
 def _vector(what: str, values: ArrayLike | Sequence[float], size: int) -> Array:
-    array = np.array(values, dtype=float)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise OptionError(f"{what} = {values!r:.80}, it must be {size} numbers") from error
     if array.shape != (size,):
         raise OptionError(f"{what} has shape {array.shape}, the arm has {size} joints")
     array.setflags(write=False)

@@ -18,10 +18,15 @@ from rcmqp.errors import ArmError, UnknownName
 from rcmqp.files import absent
 from rcmqp.world.arm import find_frame
 from rcmqp.world.urdf import RAIL_JOINT, Urdf, model_of
-from rcmqp.world.urdf_checks import MOST_LENGTH
 
 MOST_FILE = 1_000_000
 """Bytes of an arm's file."""
+
+FAR = {"flange": 2.0, "base": 30.0}
+"""How far a placement may be [m]: what is farther is in millimetres."""
+
+LONG_RAIL = 10.0
+"""How far a rail may go [m]."""
 
 LIMITS = ("position", "velocity", "acceleration", "jerk")
 
@@ -89,25 +94,35 @@ class ArmFile:
             )
         axis = self._vector("rail", "axis", given["axis"])
         texts = {key: self._number(f"rail.{key}", given[key]) for key in KEYS["rail"][1:]}
+        if (stroke := given["upper"] - given["lower"]) > LONG_RAIL:
+            raise ArmError(
+                f"{self.path}: the rail goes over {stroke:g} m, more than {LONG_RAIL:g} m; are "
+                "these millimetres? An arm's file has metres: multiply by 0.001"
+            )
         return {"axis": " ".join(map(repr, axis.tolist())), **texts}
 
     def _vector(self, table: str, key: str, values: Any) -> Any:
         good = isinstance(values, Sequence) and len(values) == 3 and all(map(_is_number, values))
         if not good:
             raise ArmError(
-                f"{self.path}: {table}.{key} = {values!r}, it must be three numbers, such as "
+                f"{self.path}: {table}.{key} = {values!r:.80}, it must be three numbers, such as "
                 "[0.0, 0.0, 1.5]; lengths in m, angles in rad"
             )
-        if max(map(abs, values)) > MOST_LENGTH:
+        if key == "rpy" and max(map(abs, values)) > 2.0 * math.pi:
             raise ArmError(
-                f"{self.path}: {table}.{key} = {values!r}, beyond {MOST_LENGTH:g}; are these "
-                "millimetres or degrees? An arm's file has metres and radians"
+                f"{self.path}: {table}.rpy = {values!r} rad, more than a full turn; are these "
+                "degrees? An arm's file has radians: multiply by 0.0174533"
+            )
+        if key == "xyz" and math.hypot(*values) > FAR[table]:
+            raise ArmError(
+                f"{self.path}: {table}.xyz = {values!r} m, farther than {FAR[table]:g} m; "
+                "are these millimetres? An arm's file has metres: multiply by 0.001"
             )
         return np.array(values, dtype=float)
 
     def _number(self, what: str, value: Any) -> str:
         if not _is_number(value):
-            raise ArmError(f"{self.path}: {what} = {value!r}, it must be a number")
+            raise ArmError(f"{self.path}: {what} = {value!r:.80}, it must be a number")
         return repr(float(value))
 
 
@@ -145,7 +160,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
         )
     packages = entry.get("packages", [])
     if not isinstance(packages, list) or not all(isinstance(each, str) for each in packages):
-        raise ArmError(f"{path}: packages = {packages!r}, it must be a list of folders")
+        raise ArmError(f"{path}: packages = {packages!r:.80}, it must be a list of folders")
     found = tuple((path.parent / each).resolve() for each in packages)
     if missing := [each for each in found if not each.is_dir()]:
         raise ArmError(f"{path}: there is no folder {missing[0]}, which packages names")
@@ -164,7 +179,9 @@ def _toml(path: Path) -> dict[str, Any]:
         raise ArmError(f"{path} is not TOML: {error}") from error
     for table in TABLES:
         if not isinstance(entry.get(table, {}), dict):
-            raise ArmError(f"{path}: {table} = {entry[table]!r}, it must be a table: [{table}]")
+            raise ArmError(
+                f"{path}: {table} = {entry[table]!r:.80}, it must be a table: [{table}]"
+            )
     for table, known in KEYS.items():
         for key in entry.get(table, {}) if table else entry:
             if key not in known:
@@ -193,7 +210,7 @@ def _resolve(folder: Path, urdf: str, file: Path) -> Path:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 OF_ALL_JOINTS = ("speed_near_limits", "srs_offsets")

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm, ModelSource
 from rcmqp.world.instrument import Instrument
 
@@ -130,6 +131,9 @@ def _readable(path: str) -> bool:
 LINK_RADIUS = 0.03
 """Of the capsules that stand for links without shapes [m]."""
 
+THIN = 1e-4
+"""Least side of the box around a flat mesh [m]."""
+
 SHAFT = "the shaft"
 
 SAMPLES, ALWAYS = 40, 0.5
@@ -141,6 +145,7 @@ class Collisions:
 
     Shapes are the collision shapes of the URDF, of meshes the convex hulls; without any, capsules
     from joint to joint. Links that hang on the same or on neighbouring joints are no pair.
+    A wrist counts as straight, which it is at every start.
     """
 
     def __init__(self, arm: Arm, instrument: Instrument) -> None:
@@ -213,15 +218,27 @@ def _links(arm: Arm) -> list[tuple[str, int, pin.SE3, coal.CollisionGeometry]]:
             continue
         frame = arm.model.frames[arm.model.getFrameId(body.name, pin.FrameType.BODY)]
         placement = frame.placement * body.placement.actInv(shape.placement)
-        links.append((body.name, frame.parentJoint, placement, _convex(shape.geometry)))
+        convex, centre = _convex(shape.geometry)
+        placement = placement * pin.SE3(np.eye(3), centre)
+        links.append((body.name, frame.parentJoint, placement, convex))
     return links or _capsules(arm)
 
 
-def _convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+def _convex(shape: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, Array]:
+    """A convex shape, and where its origin is in the shape's axes: of a mesh, its hull.
+
+    Of a mesh that is flat, or has a point with more than 255 neighbours on the hull, which coal
+    does not take, it is the box around it.
+    """
     if not isinstance(shape, coal.BVHModelBase):
-        return shape
-    shape.buildConvexHull(False, "Qt")
-    return shape.convex
+        return shape, np.zeros(3)
+    try:
+        shape.buildConvexHull(False, "Qt")
+    except (RuntimeError, ValueError):
+        points = np.array(shape.vertices())
+        low, high = points.min(axis=0), points.max(axis=0)
+        return coal.Box(*np.maximum(high - low, THIN)), (low + high) / 2.0
+    return shape.convex, np.zeros(3)
 
 
 def _capsules(arm: Arm) -> list[tuple[str, int, pin.SE3, coal.CollisionGeometry]]:

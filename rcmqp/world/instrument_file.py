@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from rcmqp.errors import OptionError, UnknownName
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import absent, why
 from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist, WristJoint
 from rcmqp.world.wrist_urdf import wrist_of_urdf
@@ -95,8 +95,8 @@ def load_instrument(path: str | os.PathLike[str]) -> Instrument:
         if "urdf" in entry.get("wrist", {}):
             _read_wrist(path, entry)
         return Instrument(**entry)
-    except OptionError as error:
-        raise OptionError(f"{path}: {error}") from error
+    except RcmqpError as error:
+        raise error.of(path)  # noqa: B904  (it is the same one)
 
 
 def _read_wrist(path: Path, entry: dict[str, Any]) -> None:

@@ -39,7 +39,7 @@ from rcmqp.world.arm_limits import (
 from rcmqp.world.home import home_of
 from rcmqp.world.mimics import held_followers, without_mimics
 from rcmqp.world.plugins import distribution, load, points
-from rcmqp.world.questions import file_questions, home_question, questions
+from rcmqp.world.questions import TURNS, check_given, home_question, questions
 from rcmqp.world.urdf import (
     Urdf,
     assumed_speeds,
@@ -50,6 +50,7 @@ from rcmqp.world.urdf import (
     read_urdf,
     soft_limits_of,
 )
+from rcmqp.world.urdf_checks import MOST_LENGTH
 
 ARM_FILE = ".toml"
 """How the name of an arm's file ends."""
@@ -143,9 +144,15 @@ def load_arm(
     }
     by_hand = {limit: value for limit, value in limits.items() if value is not None}
     path = Path(name)
+    urdf, _, frame = str(name).rpartition(":")
+    if urdf.lower().endswith(URDF_ENDINGS) and os.path.isfile(urdf):
+        raise ArmError(f"{name}: give the flange apart: --arm {urdf} --flange {frame}")
     own_file = path.suffix.lower() == ARM_FILE
     if not own_file and (path.suffix.lower() in URDF_ENDINGS or path.parent != Path()):
-        return _questioned(_load_urdf(path, flange, home, locked or {}, by_hand))
+        try:
+            return _questioned(_load_urdf(path, flange, home, locked or {}, by_hand))
+        except RcmqpError as error:
+            raise error.of(path)  # noqa: B904  (it is the same one)
     folder = None if own_file else _folder(str(name))
     if not own_file and folder is None:
         raise UnknownName("arm", str(name), arm_names())
@@ -155,9 +162,12 @@ def load_arm(
             f"{path.name if own_file else 'robot.toml'}"
         )
     if own_file:
-        file = read_arm_file(path, _robots())
-        arm = _load_file(file, str(name), by_hand, path.read_bytes())
-        return _questioned(arm, *file_questions(file), mounted="rpy" in file.entry["flange"])
+        try:
+            file = read_arm_file(path, _robots())
+            arm = _load_file(file, str(name), by_hand, path.read_bytes())
+            return _questioned(arm, mounted="rpy" in file.entry["flange"])
+        except RcmqpError as error:
+            raise error.of(path)  # noqa: B904  (it is the same one)
     assert folder is not None
     toml = folder / "robot.toml"
     made_of = None if str(name) in _own_names() else toml.read_bytes()
@@ -192,9 +202,10 @@ def _folder(name: str) -> Path | None:
     )
 
 
-def _questioned(arm: Arm, *more: str, mounted: bool = False) -> Arm:
+def _questioned(arm: Arm, *, mounted: bool = False) -> Arm:
     """The arm, and a warning for each thing that looks wrong with it; see questions()."""
-    for question in [*more, *questions(arm, mounted=mounted)]:
+    check_given(arm)
+    for question in questions(arm, mounted=mounted):
         warnings.warn(question, ArmWarning, stacklevel=1)
     return arm
 
@@ -216,7 +227,7 @@ def _load_file(
         key: entry[key] for key in ("title", "licence", "srs_offsets") if key in entry
     }
     if "speed_near_limits" in entry:
-        about["speed_near_limits"] = SpeedNearLimits(**entry["speed_near_limits"])
+        about["speed_near_limits"] = _near_limits(entry["speed_near_limits"])
     return built(
         urdf,
         entry["flange"]["frame"],
@@ -229,6 +240,15 @@ def _load_file(
         by_hand=by_hand,
         **about,
     )
+
+
+def _near_limits(given: Any) -> SpeedNearLimits:
+    known = [item.name for item in dataclasses.fields(SpeedNearLimits)]
+    if not isinstance(given, Mapping) or sorted(given) != sorted(known):
+        raise ArmError(
+            f"speed_near_limits = {given!r:.80}, it must be a table of {', '.join(known)}"
+        )
+    return SpeedNearLimits(**given)
 
 
 def _load_urdf(
@@ -278,11 +298,9 @@ def built(
         "own": dict(own),
         "about": {key: _plain(value) for key, value in about.items() if key != "by_hand"},
     }
-    for held, position in locked.items():
-        if not isinstance(position, int | float) or not math.isfinite(position):
-            raise ArmError(f"{name}: {held} cannot be locked at {position}; give a number")
-    followers = held_followers(urdf, flange, locked)
-    locked = {**locked, **followers}
+    asked = {held: _position(name, held, position) for held, position in locked.items()}
+    followers = held_followers(urdf, flange, asked)
+    locked = {**asked, **followers}
     given, urdf = urdf, without_mimics(urdf, flange, list(locked))
     model = model_of(urdf)
     joint = find_frame(model, flange).parentJoint
@@ -291,6 +309,8 @@ def built(
     for held in locked:
         if not model.existJointName(held):
             raise UnknownName("joint", held, list(model.names)[1:])
+    for held, position in asked.items():
+        _check_locked(model, name, held, position)
     chain = set(model.supports[joint])
     hold = [i for i in range(1, model.njoints) if i not in chain or model.names[i] in locked]
     q = pin.neutral(model)
@@ -298,6 +318,13 @@ def built(
         if model.names[i] in locked:
             _set_angle(q, model.joints[i], locked[model.names[i]])
     notes = _held(model, hold, locked)
+    fixed = [
+        f"{held} at {position:g}"
+        for held, position in asked.items()
+        if model.getJointId(held) in chain
+    ]
+    if fixed:
+        notes.append(f"locked: {', '.join(fixed)}")
     if followers:
         notes.append(f"held, as they follow locked joints: {', '.join(followers)}")
     links = {link.attrib["name"] for link in urdf.root.iterfind("link")}
@@ -313,7 +340,7 @@ def built(
     joints = list(model.names)[1:]
     about = limits_of(urdf, joints) | _accelerations(own) | about
     if home is None:
-        notes.append("home is not given: searched, see there")
+        notes.append("home is not given, so it was searched")
     source = dataclasses.replace(source, notes=tuple(notes), text=urdf.text, recipe=recipe)
     home = _by_joint(home, joints, name)
     arm = Arm(model, flange, name=name, home=home, home_search=home_of, source=source, **about)
@@ -391,6 +418,36 @@ def _by_joint(
     if missing := [joint for joint in joints if joint not in home]:
         raise ArmError(f"{name}: home does not say where {', '.join(missing)} is; add it")
     return [home[joint] for joint in joints]
+
+
+def _position(name: str, held: str, position: Any) -> float:
+    """Where a joint is to be held, as a number."""
+    number = isinstance(position, int | float) and not isinstance(position, bool)
+    if not number or not abs(position) < MOST_LENGTH:
+        raise ArmError(
+            f"{name}: {held} cannot be locked at {position!r:.80}; give a number of rad or m"
+        )
+    return float(position)
+
+
+def _check_locked(model: pin.Model, name: str, held: str, position: float) -> None:
+    """Refuse a lock outside the joint's limits, or more than two turns away without any."""
+    joint = model.joints[model.getJointId(held)]
+    lower, upper, unit = -TURNS, TURNS, "rad"
+    if joint.nq == 1:
+        lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+        unit = "m" if joint.shortname().startswith("JointModelP") else "rad"
+    if lower <= position <= upper:
+        return
+    other, factor, most = "degrees", math.pi / 180.0, 2.0 * math.pi
+    if unit == "m":
+        other, factor, most = "millimetres", 0.001, 2.0
+    fits = abs(position) > most and lower <= factor * position <= upper
+    more = f"; are these {other}? Multiply by {factor:.6g}" if fits else ""
+    raise ArmError(
+        f"{name}: {held} cannot be locked at {position:g} {unit}, its limits are {lower:g} and "
+        f"{upper:g} {unit}{more}"
+    )
 
 
 def _set_angle(q: Array, joint: Any, angle: float) -> None:

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from rcmqp.errors import JointLimitViolated
+from rcmqp.errors import ArmError, JointLimitViolated
 from rcmqp.world.arm import Arm
-from rcmqp.world.arm_file import ArmFile
 
 TURNS = 13.0
 """Position limit that no joint which is not endless has [rad]: more than two turns each way."""
@@ -22,9 +21,6 @@ LONG, LONG_STROKE = 15.0, 10.0
 
 ASIDE, ALONG = math.cos(math.radians(75.0)), math.cos(math.radians(10.0))
 """Cosines: the flange's z axis is far from outwards, another axis of it is near."""
-
-FAR = {"flange": 2.0, "base": 30.0}
-"""Length of xyz in an arm's file that may be in millimetres [m]."""
 
 ENDLESS = 1e6
 """What a longer travel stands for: no limit [m]."""
@@ -48,29 +44,26 @@ def questions(arm: Arm, *, mounted: bool = False) -> list[str]:
     """
     return [
         *_degrees(arm),
-        *_home(arm),
         *_millimetres(arm),
         *([] if mounted else _flange(arm)),
     ]
 
 
-def file_questions(file: ArmFile) -> list[str]:
-    """A sentence, with a remedy, for each placement in an arm's file whose unit looks wrong."""
-    found = []
-    for table, far in FAR.items():
-        given = file.entry.get(table, {})
-        rpy, xyz = given.get("rpy", [0.0]), given.get("xyz", [0.0])
-        if max(map(abs, rpy)) > 2.0 * math.pi:
-            found.append(
-                f"{file.path}: [{table}] is turned by rpy = {rpy} rad, more than a full turn; are "
-                "these degrees? An arm's file has radians: multiply by 0.0174533"
-            )
-        if math.hypot(*xyz) > far:
-            found.append(
-                f"{file.path}: [{table}] is put at xyz = {xyz} m; are these millimetres? An arm's "
-                "file has metres: multiply by 0.001"
-            )
-    return found
+def check_given(arm: Arm) -> None:
+    """Refuse numbers of one's own that look like degrees: home, and limits.
+
+    Those of a URDF, which may be another's, are only questioned; see questions().
+
+    Raises:
+        ArmError: with the joint, and what to do.
+    """
+    recipe = {} if arm.source is None else arm.source.recipe
+    given = {*recipe.get("own", {}), *(["home"] if recipe.get("home") is not None else [])}
+    given |= arm.limits_by_hand.given().keys()
+    found = _degrees(arm) if given & {"position", "velocity"} else []
+    found += _home(arm) if "home" in given else []  # one that is searched is right
+    if found:
+        raise ArmError(found[0])
 
 
 def home_question(arm: Arm, error: JointLimitViolated) -> str:
@@ -92,8 +85,6 @@ def home_question(arm: Arm, error: JointLimitViolated) -> str:
 
 def _home(arm: Arm) -> list[str]:
     """Whether home turns an endless joint more than twice; others are inside their limits."""
-    if arm.source is None or arm.source.recipe.get("home") is None:
-        return []  # a home that is searched is right, and takes long
     for i, joint in enumerate(arm.joints):
         if arm.turns[i] and not math.isfinite(arm.upper[i]) and abs(arm.home[i]) > TURNS:
             return [
@@ -113,8 +104,8 @@ def _degrees(arm: Arm) -> list[str]:
         if far or arm.velocity[i] > FAST:
             travel = f"{arm.lower[i]:g} to {arm.upper[i]:g} rad at {arm.velocity[i]:g} rad/s"
             found.append(
-                f"{arm.name}: joint {joint!r} turns from {travel}; are these degrees? A URDF has "
-                "radians: multiply by 0.0174533"
+                f"{arm.name}: joint {joint!r} turns from {travel}; are these degrees? Limits are "
+                "in radians: multiply by 0.0174533"
             )
     return found[:1]
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.outcome import task_of
+from rcmqp.files import check_readable
 from rcmqp.references.operators import camera_trial
 from rcmqp.references.paths import Search
 from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Vector3, vector3
 from rcmqp.world.obstacles import Sphere
@@ -51,6 +53,7 @@ def read_task(file: Path) -> Search:
     Raises:
         OptionError: the file cannot be read, has an unknown key, or a value is not allowed.
     """
+    check_readable(file, "a task's .toml", MOST_TEXT)
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
