@@ -112,8 +112,8 @@ def test_the_comparison_is_within_people_and_tested_on_people_alone(folder: Path
 
 def test_answers_stand_by_controller_and_a_comment_stays_text(folder: Path) -> None:
     text = results_table(read_results(folder))
-    (row,) = [x for x in text.splitlines() if "How easy" in x and "dual" in x]
-    assert "1.00 ± 0.00" in row
+    (row,) = [x for x in text.splitlines() if "How easy" in x and "difficult" in x and "dual" in x]
+    assert f"1.00 ± 0.00 ({PEOPLE})" in row
     assert "very difficult 6, difficult 0" in row
     assert "<b>|x|" not in text
     assert r"\<b>\|x\|" in text
@@ -132,7 +132,7 @@ def test_the_command_writes_tables_and_the_figures_of_each_task(
     figures = {each.name for each in (folder / "figures").iterdir()}
     assert {"fig4_views.png", "groups_1.png", "groups_2.png"} < figures
     assert "P03-2_fig7_trajectory.png" in figures
-    assert len(figures) == 3 + 2 * (2 * PEOPLE + 1)
+    assert len(figures) == 4 + 2 * (2 * PEOPLE + 1)
 
 
 def test_options_of_a_simulated_study_are_refused_with_people(
