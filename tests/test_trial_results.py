@@ -15,6 +15,7 @@ from scipy.stats import ttest_rel, wilcoxon
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.trial.conduct import order_table
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.experiments.trial.questions import EXPERIENCE
@@ -108,6 +109,70 @@ def test_the_comparison_is_within_people_and_tested_on_people_alone(folder: Path
     assert cells[4:6] == [str(PEOPLE), f"{mean:.3g} [{low:.3g}, {high:.3g}]"]
     assert float(cells[7]) == pytest.approx(wilcoxon(*pairs.T).pvalue, rel=0.01)
     assert float(cells[8]) >= float(cells[7])
+
+
+def test_answers_are_compared_within_people_as_ranks(folder: Path) -> None:
+    text = results_table(read_results(folder))
+    (row,) = [x for x in text.splitlines() if x.startswith("| dual") and "How easy" in x]
+    cells = [cell.strip() for cell in row.split("|")]
+    assert cells[4:7] == [str(PEOPLE), "1", ""]
+    assert float(cells[7]) == pytest.approx(wilcoxon([1.0] * PEOPLE).pvalue, rel=0.01)
+
+
+def test_who_is_counted_and_in_which_orders_stands_in_the_table(folder: Path) -> None:
+    text = results_table(read_results(folder))
+    assert f"| answered the questions before | {PEOPLE + 1} | 3 | 4 |" in text
+    assert f"| ended all tasks | {PEOPLE} | 3 | 3 |" in text
+    assert "| practised before | 0 | 0 | 0 |" in text
+    assert f"- P{PEOPLE:02d} has not ended task 2; it does not count" in text
+    assert "| dual_quaternion, 16 ms, then hierarchical_qp, 16 ms | 3 | 2 | 1 |" in text
+    assert "| hierarchical_qp, 16 ms, then dual_quaternion, 16 ms | 3 | 1 | 2 |" in text
+    assert "**Unbalanced** (novice: 1 to 2 people an order; experienced: 1 to 2" in text
+
+
+def test_orders_that_are_done_equally_often_are_balanced(folder: Path) -> None:
+    results = read_results(folder)
+    some = [p for p in results.people if p.identifier in ("P00", "P01", "P02", "P03")]
+    assert "are balanced in each group" in order_table(dataclasses.replace(results, people=some))
+
+
+def test_fewer_than_five_people_have_neither_effect_size_nor_interval(folder: Path) -> None:
+    results = read_results(folder)
+    few = [each for each in results.ended if each.outcome.operator < "P04"]
+    text = results_table(dataclasses.replace(results, ended=few))
+    (row,) = [x for x in text.splitlines() if x.startswith("| dual") and "completion" in x]
+    cells = [cell.strip() for cell in row.split("|")]
+    assert cells[4] == "4"
+    assert "[" not in cells[5]
+    assert cells[6:9] == ["", "", ""]
+    assert "Fewer than 5 people have both: no interval, effect size or p is given." in text
+    assert "Fewer than" not in results_table(results)
+
+
+def test_recorded_hands_are_replayed_with_each_controller_beside_people(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hand = folder.parent / "surgeon.csv"
+    lines = [f"{0.02 * k},{10.0 * math.sin(0.05 * k)},0,0" for k in range(100)]
+    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(folder), "--hand", str(hand)])
+    assert "## Recorded hands" in capsys.readouterr().out
+    with (folder / "recorded.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["controller"] for row in rows] == [str(law) for law in LAWS]
+    for row, law in zip(rows, LAWS, strict=True):
+        assert (row["operator"], row["group"], row["completion_s"]) == ("surgeon", "recorded", "")
+        run = Run.load(folder / "recorded" / f"surgeon_panda_{law.stem}.h5")
+        assert run.scenario.obstacles == ()
+        assert float(row["tip_rms_mm"]) == compute_metrics(run).tip_rms_mm
+        assert np.ptp(run.tip_d[:, :2] @ np.eye(2), axis=0).max() > 0.015  # 20 mm from end to end
+    (spectra,) = [x for x in (folder / "table.md").read_text().splitlines() if "surgeon |" in x][
+        :1
+    ]
+    assert "| 3 novice people, 6 tasks | 4 experienced people, 7 tasks | surgeon |" in spectra
+    with pytest.raises(OptionError, match="two have the same name"):
+        read_results(folder, hands=[hand, hand])
 
 
 def test_answers_stand_by_controller_and_a_comment_stays_text(folder: Path) -> None:
