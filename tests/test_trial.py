@@ -265,6 +265,8 @@ def test_a_law_of_ones_own_is_kept_and_a_changed_one_is_refused(
     file.unlink()
     with pytest.raises(OptionError, match="cannot be read"):
         kept.made(kept.laws[1])
+    with pytest.raises(OptionError, match=r"study\.json names the controller .*no such file"):
+        Design.load(tmp_path)
 
 
 @pytest.mark.parametrize("laws", [(), (Law(), Law())])

@@ -203,7 +203,7 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
         found.append(
             f"the loop fell {metrics.behind_s:.3g} s behind the clock, "
             f"{100 * metrics.behind_share:.0f} % of the time: the machine was too busy for a "
-            f"period of {1e3 * period:g} ms, and the arm was slower than its controller"
+            f"period of {1e3 * period:g} ms, and the arm was slower than its controller asked"
         )
     found += recording_remarks(head.scenario)
     gain = float(head.options.get("gain", 0.0)) * period

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rcmqp.cli.console import out
+from rcmqp.cli.console import out, print_note
 from rcmqp.cli.opening import opening
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, ToolMissing
@@ -117,6 +117,11 @@ def trial(
     from rcmqp.files import make_folder
 
     design.keep(make_folder(folder))
+    if len({law.period for law in design.laws}) > 1:
+        print_note(
+            f"the controllers differ in period too: {'; '.join(map(str, design.laws))}. To compare "
+            "laws alone, give one --period, in a new folder"
+        )
     with kept.sitting(identifier) as who, opening() as show:
 
         def started(address: str) -> None:

@@ -51,6 +51,22 @@ def scenario_sha256(scenario: str, arm: str) -> str:
     return hashlib.sha256(made.encode()).hexdigest()
 
 
+class LawMissing(OptionError):
+    """The file of a study's own controller is not there, or cannot be run."""
+
+
+def _run_files(study: Path, own_laws: Mapping[str, tuple[str, str]]) -> None:
+    """Make a study's own controllers known by their names."""
+    for setting, _ in own_laws.values():
+        try:
+            known(setting)
+        except RcmqpError as error:
+            raise LawMissing(
+                f"{study} names the controller {setting}: {error}; give the command in the folder "
+                "in which the study began, with that file in its place"
+            ) from error
+
+
 def file_sha256(setting: str) -> str:
     """SHA-256 of the file of a controller's setting, FILE.py or FILE.py:CLASS.
 
@@ -147,18 +163,19 @@ class Design:
         """The design of the study in a folder.
 
         Raises:
-            OptionError: there is none, or it is damaged.
+            OptionError: there is none, or it is damaged, or a controller's file is not there.
         """
         file = folder / FILE
         try:
             data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
             own = data.get("own_laws", {})
             data["own_laws"] = {name: (setting, sha256) for name, (setting, sha256) in own.items()}
-            for setting, _ in data["own_laws"].values():
-                known(setting)
+            _run_files(file, data["own_laws"])
             data["laws"] = tuple(map(Law.from_json, data["laws"]))
             data["task"] = Search(**data["task"])
             return cls(**data)
+        except LawMissing:
+            raise
         except FileNotFoundError as error:
             raise OptionError(
                 f"{folder} has no study with people: no {FILE}; begin one with "

@@ -207,9 +207,15 @@ def _compared(ended: Sequence[Ended]) -> str:
     for row, *both in zip(rows, chances, holm(chances), strict=True):
         row += ["" if math.isnan(p) else f"{p:.3g}" for p in both]
     heads = ["from", "to", "measure", "people", "change", "effect size", "p", "p, Holm"]
+    periods = sorted({o.period for o in people})
+    apart = (
+        f"**The periods differ**, {' and '.join(f'{1e3 * T:g}' for T in periods)} ms: a change "
+        "between controllers of different periods is one of both.\n"
+    )
     few = f"Fewer than {FEWEST} people have both: no interval, effect size or p is given.\n"
     some = any(int(row[3]) < FEWEST for row in rows)
-    return Table(heads, rows, words=3).markdown() + (f"\n{few}" if some else "")
+    text = Table(heads, rows, words=3).markdown() + (f"\n{few}" if some else "")
+    return text + (f"\n{apart}" if len(periods) > 1 else "")
 
 
 def _rated_pairs(ended: Sequence[Ended], a: Condition, b: Condition, name: str) -> Array:
