@@ -119,7 +119,7 @@ def trial(
     design.keep(make_folder(folder))
     if len({law.period for law in design.laws}) > 1:
         print_note(
-            f"the controllers differ in period too: {'; '.join(map(str, design.laws))}. To compare "
+            f"the controllers differ in period: {'; '.join(map(str, design.laws))}. To compare "
             "laws alone, give one --period, in a new folder"
         )
     with kept.sitting(identifier) as who, opening() as show:
