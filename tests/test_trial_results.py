@@ -142,7 +142,7 @@ def test_orders_that_are_done_equally_often_are_balanced(folder: Path) -> None:
 
 def test_fewer_than_five_people_have_neither_effect_size_nor_interval(folder: Path) -> None:
     results = read_results(folder)
-    few = [each for each in results.ended if each.outcome.operator < "P04"]
+    few = [each for each in results.ended if str(each.outcome.operator) < "P04"]
     text = results_table(dataclasses.replace(results, ended=few))
     (row,) = [x for x in text.splitlines() if x.startswith("| dual") and "completion" in x]
     cells = [cell.strip() for cell in row.split("|")]

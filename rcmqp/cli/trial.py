@@ -182,9 +182,8 @@ def _laws(
             f"--period is given {len(periods)} times for {len(controllers)} controllers; give it "
             "once for all, or once for each in their order"
         )
-    each = (
-        periods * len(controllers) if len(periods) == 1 else periods or [None] * len(controllers)
-    )
+    each: list[float | None] = [*periods] or [None]
+    each *= len(controllers) if len(each) == 1 else 1
     laws, own = [], {}
     for setting, period in zip(controllers, each, strict=True):
         name, options = controller_of(known(setting))

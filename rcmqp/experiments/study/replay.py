@@ -83,11 +83,12 @@ def replay(
             try:
                 run = simulate(scenario, controller)
             except (RcmqpError, np.linalg.LinAlgError) as error:
-                failed = Outcome(name, RECORDED, scenario.arm, str(law), scenario.period)
-                outcome, traces = dataclasses.replace(failed, failure=str(error)), {}
-            else:
-                run.save(file)
-                outcome, traces = sum_up(run, name, RECORDED, law)
+                what = name, RECORDED, scenario.arm, str(law), scenario.period
+                failed = Outcome(*what, failure=str(error))
+                found.append(TrialFile(failed, scenario.to_json(), law.to_json(), "", {}))
+                continue
+            run.save(file)
+            outcome, traces = sum_up(run, name, RECORDED, law)
             found.append(TrialFile(outcome, scenario.to_json(), law.to_json(), "", traces))
     return found
 

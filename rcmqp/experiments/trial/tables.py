@@ -100,7 +100,7 @@ def results_table(results: Results) -> str:
 
 def asked_of(results: Results) -> dict[str, list[Mapping[str, Array]]]:
     """Traces of all trials by whose they are, for compare_asked()."""
-    found = {}
+    found: dict[str, list[Mapping[str, Array]]] = {}
     for group in GROUPS:
         mine = [each for each in results.ended if each.outcome.group == group]
         people = len({each.outcome.operator for each in mine})
@@ -113,13 +113,13 @@ def asked_of(results: Results) -> dict[str, list[Mapping[str, Array]]]:
     if results.simulated is not None:
         outcomes, first = results.simulated.outcomes, results.design.laws[0]
         for group in GROUPS:
-            mine = [
+            drawn = [
                 results.simulated.record(i).traces
                 for i, o in enumerate(outcomes)
                 if o.group == group and o.controller == str(first) and not o.failure
             ]
-            if mine:
-                found[f"{MODEL}, {len(mine)} {group}"] = mine
+            if drawn:
+                found[f"{MODEL}, {len(drawn)} {group}"] = drawn
     return found
 
 
