@@ -66,7 +66,9 @@ def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -
             with folder.sitting() as name:
                 person = folder.add(name, NONE | {"games": games}, chosen)
             rows[games].append(person.row)
-    assert rows == {0: list(range(6)), 3: list(range(6))}
+    assert all(sorted(of) == list(range(6)) for of in rows.values())
+    together = [row for pair in zip(*rows.values(), strict=True) for row in pair]
+    assert sorted(together[:6]) == list(range(6))  # whatever their group
 
 
 # Participants ---------------------------------------------------------------------------------

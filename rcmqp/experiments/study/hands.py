@@ -275,6 +275,8 @@ def hand_figure(columns: Mapping[str, Sequence[HandMeasures]]) -> Figure:
             right.plot([m.ldlj], [m.sparc], marker, color=drawn, label=label)
     left.set(xlabel="frequency [Hz]", ylabel="power of the speed over all of it [1/Hz]")
     left.axvspan(*TREMOR_BAND, color="0.93", zorder=0)
+    last = max((m.spectrum[0, -1] for of in columns.values() for m in of), default=CUTOFF)
+    left.set_xlim(right=min(CUTOFF, 0.8 * last))  # beyond it there is the low-pass alone
     left.set_ylim(bottom=1e-7)
     right.set(xlabel="LDLJ of a movement, median", ylabel="SPARC of a movement, median")
     for axes in (left, right):

@@ -23,8 +23,8 @@ def who_counts(results: Results) -> str:
     }
     rows = [[kind, *map(str, _by_group(people))] for kind, people in kinds.items()]
     again = [
-        f"{each.outcome.operator} began task {each.number} {each.notes['attempts']} times; the "
-        "last one counts"
+        f"{each.outcome.operator} needed {each.notes['attempts']} attempts at task {each.number}; "
+        "the last one counts, and those before it were practice"
         for each in results.ended
         if each.notes["attempts"] > 1
     ]

@@ -145,13 +145,18 @@ class Folder:
         return found
 
     def add(self, identifier: str, before: Mapping[str, int], design: Design) -> Person:
-        """Take a new participant, in the order that fewest of the same group have had so far."""
+        """Take a new participant, in the order that fewest of the same group have had so far.
+
+        Of several such orders it is the one that fewest people in all have had.
+        """
         make_folder(self.path / PEOPLE)
         make_folder(self.path / TRIALS)
         group = group_of(before)
-        others = [self.person(name) for name in self.identifiers()]
-        rows = [each.row for each in others if each is not None and each.group == group]
-        row = min(range(len(orders(len(design.laws)))), key=rows.count)
+        others = [each for each in map(self.person, self.identifiers()) if each is not None]
+        alike = [each.row for each in others if each.group == group]
+        rows = [each.row for each in others]
+        count = len(orders(len(design.laws)))
+        row = min(range(count), key=lambda k: (alike.count(k), rows.count(k)))
         person = Person(identifier, before, group, row, practised=False)
         self.keep_person(person)
         return person

@@ -48,7 +48,9 @@ of the table. Answers are ranks: their mean change has no interval and no effect
 effect size and p are given for {FEWEST} people or more: of fewer, the deviation between people is
 too uncertain to divide by, and the signed-rank test cannot come below p = 0.125. With few people
 only large effects can be seen, and a large p does not show that nothing differs. Learning is part
-of a comparison unless the orders are balanced, see "Order of the conditions".
+of a comparison unless the orders are balanced, see "Order of the conditions". Who does not find
+all pictures has no completion time and is missing from its comparison: a controller with which
+fewer people finish can look faster than it is, so look at how many finished first.
 """
 
 MODEL_NOTE = """\
@@ -58,8 +60,8 @@ them and real people. Their device has a scale and viscosity of its own.
 
 ASKED = """\
 How the tip was asked to go, of people after the viscosity of the page's hand: speed spectra and
-smoothness, all trials treated alike. The model's trials are those with the first controller. This
-describes; it is not a test.
+smoothness, all trials treated alike. The model's trials are those with the first controller. A
+loop behind the clock adds fast changes of speed. This describes; it is not a test.
 """
 
 
@@ -68,9 +70,14 @@ def results_table(results: Results) -> str:
     people, recorded = results.outcomes, [each.outcome for each in results.recorded]
     drawn = list(results.simulated.outcomes) if results.simulated else []
     names = {o.operator for o in people}
-    hands = f", {len({o.operator for o in recorded})} recorded hands" if recorded else ""
+    counts = {
+        "people": len(names),
+        "their tasks": len(people),
+        "simulated trials": len(drawn),
+        "recorded hands": len({o.operator for o in recorded}),
+    }
     parts = [
-        f"{len(names)} people, {len(people)} tasks; {len(drawn)} simulated trials{hands}.\n",
+        f"{', '.join(f'{kind}: {count}' for kind, count in counts.items())}.\n",
         f"## Who is counted\n\n{who_counts(results)}",
     ]
     several = len(results.design.laws) > 1
@@ -105,7 +112,7 @@ def asked_of(results: Results) -> dict[str, list[Mapping[str, Array]]]:
         mine = [each for each in results.ended if each.outcome.group == group]
         people = len({each.outcome.operator for each in mine})
         if mine:
-            title = f"{people} {group} people, {len(mine)} tasks"
+            title = f"people, {people} {group}, {len(mine)} tasks"
             found[title] = [each.record.traces for each in mine]
     for each in results.recorded:
         if each.traces:
