@@ -201,7 +201,8 @@ class Design:
             kept = dataclasses.replace(kept, scenario_sha256=self.scenario_sha256)
         for item in dataclasses.fields(Design):
             if getattr(kept, item.name) != getattr(self, item.name):
+                what = "set of controllers and periods" if item.name == "laws" else item.name
                 raise OptionError(
-                    f"{folder} is a study with another {item.name}; all participants do the "
+                    f"{folder} is a study with another {what}; all participants do the "
                     "same: give the same options as before, or another folder"
                 )
