@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -148,7 +149,12 @@ def answers_csv(results: Results) -> str:
 
 
 def _named(outcomes: Sequence[Outcome], whose: str) -> list[Outcome]:
-    return [dataclasses.replace(o, controller=f"{o.controller}, {whose}") for o in outcomes]
+    """The outcomes, whose controllers say whose they are and how many people had them."""
+    count = Counter(o.controller for o in outcomes)
+    return [
+        dataclasses.replace(o, controller=f"{o.controller}, {whose}: {count[o.controller]}")
+        for o in outcomes
+    ]
 
 
 def _said(ended: Sequence[Ended]) -> str:
