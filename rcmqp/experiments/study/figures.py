@@ -157,6 +157,7 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
         label = "the paper's mean" if i == 0 else None
         mean = PAPER_TIMES[group]
         whole.plot([i + 0.7, i + 1.3], [mean, mean], "k--", label=label)
+    whole.set_ylim(0.0, 1.1 * max(whole.get_ylim()[1], *PAPER_TIMES.values()))
     whole.legend(fontsize=8)
     whole.set_ylabel("completion time [s]")
     for group in GROUPS:
@@ -199,9 +200,9 @@ def _boxes(axes: Axes, sets: Sequence[Sequence[float]], labels: Sequence[str]) -
     boxed = [values if len(values) >= FEWEST else [] for values in clean]  # points alone of few
     axes.boxplot(boxed, tick_labels=list(labels), widths=0.5, showfliers=False)
     for i, values in enumerate(clean):
-        x = i + 1 + np.linspace(-0.12, 0.12, max(len(values), 1))[: len(values)]
+        x = i + 1 + np.linspace(-0.12, 0.12, len(values)) * (len(values) > 1)
         axes.plot(x, values, ".", color=list(GROUP_COLOURS.values())[i % 2], alpha=0.7)
-    axes.set_ylim(0.0, 1.1 * max((x for values in clean for x in values), default=1.0))
+    axes.set_ylim(0.0, 1.1 * max((y for values in clean for y in values), default=1.0))
     axes.grid(axis="y", alpha=0.3)
 
 
