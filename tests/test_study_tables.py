@@ -233,7 +233,7 @@ def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> N
         ("| the same, worst trial", ["-1", "-1.2", "", ""]),
         ("| tip error, largest", ["5", "9", "", ""]),
         ("| least distance, shaft", ["5.4", "5.3", "-0.05 ± 0.05", "-0.014"]),
-        ("| finished; touched", ["4; 1", "4; 1", "", ""]),
+        ("| finished; touched", ["5; 1", "5; 1", "", ""]),
     ):
         (cells,) = cells_of(text, start)
         assert cells[1:] == expected
