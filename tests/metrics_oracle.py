@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from pathlib import Path
@@ -47,7 +48,9 @@ def metrics_of(file: Path) -> dict[str, float]:
     with h5py.File(file) as data:
         run = {name: np.array(data[name]) for name in data if isinstance(data[name], h5py.Dataset)}
         scenario = json.loads(data.attrs["scenario"])
+        clocked = "sent_after" in data["diagnostics"]
     return {
+        **lateness(run["time"], scenario["period"] if clocked else math.nan),
         **errors(run, scenario),
         **contour(run, scenario),
         **limits(run, scenario),
@@ -56,6 +59,16 @@ def metrics_of(file: Path) -> dict[str, float]:
         "singular_value_min": run["singular_value"].min(),
         "solve_time_median_us": 1e6 * percentile(run["solve_time"], 0.5),
         "solve_time_p99_us": 1e6 * percentile(run["solve_time"], 0.99),
+    }
+
+
+def lateness(time: Any, period: float) -> dict[str, float]:
+    """How late a real-time loop was; NaN of a run that no clock drove, whose period is NaN."""
+    lost = [b - a - period for a, b in itertools.pairwise(time)]
+    late = sum(each >= 0.5 * period for each in lost) / len(lost)
+    return {
+        "late_share": math.nan if math.isnan(period) else late,
+        "behind_s": math.nan if math.isnan(period) else max(0.0, sum(lost)),
     }
 
 

@@ -161,7 +161,7 @@ def test_recordings_stand_beside_both_groups(tmp_path: Path) -> None:
     assert {f.name for f in found.files} == {"hands.md", "hands.png", "hands.pdf"}
     assert found.table in (tmp_path / "hands.md").read_text("utf-8")
     drawn = [line.get_label() for line in found.figure.axes[0].lines]
-    assert drawn == ["model, novice", "model, experienced", "synthetic_hand", "recording 2"]
+    assert drawn == [*heads[3:], *heads[1:3]]
     with pytest.raises(OptionError, match="no recording"):
         compare_hands([])
 

@@ -36,6 +36,12 @@ spheres = [{centre = [-0.012, -0.01, 0.145], radius = 0.004}]
 obstacle = {centre = [0.02, 0.02, 0.14], radius = 0.006}
 """
 
+LAW = """
+from rcmqp.controllers.hierarchical_qp import HierarchicalQP
+class MyLaw(HierarchicalQP):
+    pass
+"""
+
 SEEN = """() => window.rcmqp && !document.querySelector("#over")
   ? [rcmqp.sights[0], rcmqp.said] : null"""
 """Where the sphere is in the picture, and what the page says; null once the task is over."""
@@ -223,7 +229,9 @@ def participant(address: str) -> Iterator[ClientConnection]:
 def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path) -> None:
     folder = tmp_path / "study"
     novice = dict.fromkeys(("laparoscopy", "simulators", "haptics", "games"), 0)
-    options = ("--arm", "panda", "--practice", "0", "--id", "P07")
+    law = tmp_path / "my_law.py"
+    law.write_text(LAW, encoding="utf-8")
+    options = ("--arm", "panda", "--practice", "0", "--id", "P07", "-c", f"{law}:MyLaw")
     with (
         trial(folder, *options) as (process, address),
         participant(address) as page,
@@ -242,6 +250,7 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
     run = Run.load(file)
     assert np.linalg.norm(run.tip[-1] - run.tip[0]) > 1e-3
     assert not run.v[-1].any()
+    assert (run.controller, run.given.file) == ("my_law", "my_law.py:MyLaw")
     notes = json.loads(file.with_suffix(".json").read_text())
     assert (notes["attempts"], notes["finished"]) == (1, None)
     with (

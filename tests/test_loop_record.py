@@ -24,6 +24,7 @@ from rcmqp.controllers import Controller
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.checks import LoopFault
+from rcmqp.realtime.latency import Ticks
 from rcmqp.realtime.loopback import run_loopback
 from rcmqp.realtime.report import LoopReport
 from rcmqp.realtime.run import HOLD, RealtimeLoop, Stamped, run_realtime
@@ -161,6 +162,55 @@ def test_the_safe_stop_is_part_of_the_run_and_marked(
     assert metrics.errors_until_s == pytest.approx(0.299)
     assert metrics.duration_s == pytest.approx(T * (report.cycles - 1))
     assert 0.0 < metrics.solve_time_median_us < 1e5  # the stop has none
+
+
+def test_a_loop_that_a_busy_machine_steps_late_says_how_late_and_how_far_behind(
+    insertion: rcmqp.Insertion,
+    controller: Controller,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each tenth cycle of a hundred begins four periods late: 40 periods in all."""
+    robot, file = Joints(insertion), tmp_path / "run.h5"
+    timing = Ticks(T, 0.0, robot.clock, robot.sleep)
+    record, late = LoopRecorder(file, controller), []
+    with RealtimeLoop(
+        robot, controller, circles(robot), 10.0, lateness=1.0, record=record, timing=timing
+    ) as loop:
+        start = robot.now
+        for k in range(100):
+            late.append(k % 10 == 9)
+            start += 5 * T if late[-1] else T
+            robot.now = start
+            loop.cycle()
+        loop.stop()
+        while loop.cycle():
+            robot.now += T
+    found = Run.load(file)
+    began = found.diagnostics["began_late"][:100]
+    expected = np.where(late, 4 * T, 0.0)
+    np.testing.assert_allclose(began, expected, rtol=0, atol=1e-4)
+    metrics = compute_metrics(found)
+    rows = len(found.time)
+    clock = found.time[-1] - found.time[0]
+    assert metrics.behind_s == pytest.approx(clock - (rows - 1) * T, abs=1e-9)
+    assert metrics.behind_s == pytest.approx(40 * T, abs=2e-3)
+    assert metrics.late_share == pytest.approx(10 / (rows - 1), abs=1e-9)
+    assert metrics.behind_share == pytest.approx(metrics.behind_s / clock, rel=1e-6)
+    with pytest.raises(SystemExit, match="0"):
+        main(["show", str(file)])
+    said = capsys.readouterr()
+    assert "cycles late" in said.out
+    assert "behind the clock" in " ".join(said.err.split())
+
+
+def test_a_loop_in_time_is_not_behind_the_clock(
+    insertion: rcmqp.Insertion, controller: Controller, tmp_path: Path
+) -> None:
+    run(Joints(insertion), controller, LoopRecorder(tmp_path / "run.h5", controller), 300)
+    metrics = compute_metrics(Run.load(tmp_path / "run.h5"))
+    assert metrics.late_share == 0.0
+    assert metrics.behind_s == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_fault_is_told_in_the_file(

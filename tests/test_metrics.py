@@ -12,6 +12,7 @@ from helpers import assert_allclose
 from rcmqp import Metrics, Run, compute_metrics, load_scenario, make_controller, simulate
 from rcmqp.maths.dualquaternion import from_rotation
 from rcmqp.runs.measures import until
+from rcmqp.runs.metrics import NOT_TIMED
 from rcmqp.runs.vocabulary import AFTER_THE_STOP, MEASURES
 from rcmqp.world.obstacles import Sphere
 
@@ -68,6 +69,8 @@ def test_every_metric_equals_the_hand_computed_number(small: Run) -> None:
         contour_rms_mm=0.0,  # the tip stays where the curve begins
         contour_max_mm=0.0,
         lag_max_s=1.5,
+        late_share=math.nan,  # no clock drove it
+        behind_s=math.nan,
         effector_rms_mm=2.0,
         effector_max_mm=4.0,
         effector_p95_mm=3.4,
@@ -193,7 +196,7 @@ def test_a_run_of_one_row_lacks_the_tips_speed_and_a_rest(small: Run) -> None:
     one = small.with_rows({name: rows[:1] for name, rows in small.rows().items()}, {}, {})
     found = dataclasses.asdict(compute_metrics(one))
     missing = {name for name, value in found.items() if math.isnan(value)}
-    assert missing == {"tip_speed_rms_mm_s", *AFTER_THE_STOP}
+    assert missing == {"tip_speed_rms_mm_s", *NOT_TIMED, *AFTER_THE_STOP}
     assert (found["tip_rms_mm"], found["tip_p95_mm"], found["depth_min_mm"]) == (1.0, 1.0, 100.0)
 
 

@@ -24,6 +24,7 @@ from rcmqp.runs.loading import load_scenario
 
 TASK = scenarios_task(load_scenario("camera_task", "panda"))
 DESIGN = Design("camera_task", "panda", (Law("hierarchical_qp"),), TASK, practice=0.0)
+FEW = dict.fromkeys(EXPERIENCE, 0)
 ENDED: dict[str, Any] = {
     "fault": "",
     "recorded": "9 cycles",
@@ -56,8 +57,8 @@ class Participant:
 class Loop:
     """A loop that ends at once, and writes a run if it is one that is kept."""
 
-    def __init__(self, out: str, last: dict[str, Any]) -> None:
-        self.out, self.last, self.channel = Path(out), last, None
+    def __init__(self, out: str | None, last: dict[str, Any]) -> None:
+        self.out, self.last, self.channel = out and Path(out), last, None
 
     def stop(self) -> None: ...
 
@@ -66,8 +67,9 @@ class Loop:
             raise LoopEnded("the loop cannot begin")
 
     def start(self) -> None:
-        assert not self.out.exists(), "the run of an older attempt is still there"
-        self.out.write_text("a run")
+        if self.out:
+            assert not self.out.exists(), "the run of an older attempt is still there"
+            self.out.write_text("a run")
 
     def last_words(self) -> dict[str, Any]:
         return self.last
@@ -104,6 +106,26 @@ def test_a_task_that_was_not_recorded_whole_is_done_again(
     assert (notes["attempts"], notes["finished"]) == (2, True)
     assert notes["faults"] == ["not recorded whole: nothing: the disk is full"]
     assert page.told[-1]["last"]
+
+
+@pytest.mark.parametrize(
+    ("games", "practice", "practised"), [(0, 5.0, True), (0, 0.0, False), (3, 5.0, False)]
+)
+def test_a_novice_practises_and_nobody_else_is_said_to_have(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    games: int,
+    practice: float,
+    practised: bool,
+) -> None:
+    monkeypatch.setattr(sitting, "checked_before", lambda values: {**FEW, "games": games})
+    monkeypatch.setattr(
+        "test_sitting.DESIGN", dataclasses.replace(DESIGN, practice=practice), raising=True
+    )
+    sit(monkeypatch, tmp_path, *([ENDED] * (1 + practised)))
+    person = Folder(tmp_path).person("P01")
+    assert person is not None
+    assert person.practised == practised
 
 
 def test_a_participant_is_told_when_the_sitting_fails(

@@ -12,7 +12,15 @@ from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law, Study
 from rcmqp.references.operators import CameraTrial
+from rcmqp.runs.run import Run
 from rcmqp.world.instrument_file import load_instrument
+
+SHORT = """
+import dataclasses
+from rcmqp import load_scenario
+def scenario(arm="panda", **options):
+    return dataclasses.replace(load_scenario("camera_task", arm, **options), duration=0.4)
+"""
 
 
 def test_settings_of_controllers_are_laws_each_with_each_gain(
@@ -39,6 +47,26 @@ def test_settings_of_controllers_are_laws_each_with_each_gain(
         with pytest.raises(SystemExit):
             main([*command, "--gain", "30", "-c", wrong])
         assert message in capsys.readouterr().err
+
+
+def test_a_recorded_hand_uses_every_controller_beside_simulated_operators(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario, hand, out = (tmp_path / name for name in ("short.py", "surgeon.csv", "study"))
+    scenario.write_text(SHORT, encoding="utf-8")
+    lines = [f"{0.02 * k},{10.0 * (k / 100.0) ** 2},0,0" for k in range(101)]
+    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    laws = ["-c", "dual_quaternion", "-c", "hierarchical_qp", "--period", "0.016"]
+    command = ["study", str(scenario), *laws, "--operators", "1", "--out", str(out)]
+    with pytest.raises(SystemExit, match="0"):
+        main([*command, "--hand", str(hand)])
+    said = capsys.readouterr().out
+    for law in ("dual_quaternion", "hierarchical_qp"):
+        run = Run.load(out / "recorded" / f"surgeon_panda_{law}_16ms.h5")
+        assert len(run.time) == 126
+        assert f"| surgeon | {law}, 16 ms |" in said
+    assert len((out / "recorded.csv").read_text(encoding="utf-8").splitlines()) == 3
+    assert len((out / "trials.csv").read_text(encoding="utf-8").splitlines()) == 3
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_there_is_no_p_value_anywhere(tmp_path: Path) -> None:
     assert "effect size" in text
 
 
-def outcomes(law: str, shift: float, arm: str = "lwa3") -> list[Outcome]:
+def outcomes(law: str, shift: float, arm: str = "lwa3", people: int = 4) -> list[Outcome]:
     return [
         Outcome(
             i,
@@ -104,7 +104,7 @@ def outcomes(law: str, shift: float, arm: str = "lwa3") -> list[Outcome]:
             speed_ratio_max=0.9,
             limit_margin_min_rad=0.1,
         )
-        for i in range(4)
+        for i in range(people)
     ]
 
 
@@ -174,12 +174,32 @@ def test_one_person_has_differences_and_neither_intervals_nor_tests(tmp_path: Pa
 
 
 def test_controllers_are_compared_operator_by_operator(tmp_path: Path) -> None:
-    first, second = outcomes("a, 8 ms", 0.0), outcomes("b, 1 ms", -0.25)
+    first, second = (
+        outcomes(law, shift, people=5) for law, shift in (("a, 8 ms", 0.0), ("b, 1 ms", -0.25))
+    )
     text = table(Performed(Study(), tmp_path, [*first, *reversed(second)]))
     (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | tip")
-    assert cells[4:] == ["4", "-0.25 ± 0", "-6.2 ± 4.9"]
+    assert cells[4:] == ["5", "-0.25 ± 0", "-3.8 ± 2.1"]
     (cells,) = cells_of(text, "| a, 8 ms | b, 1 ms | Schunk LWA3 | completion time")
-    assert cells[4:] == ["4", "0 ± 0", "0 ± 0"]
+    assert cells[4:] == ["5", "0 ± 0", "0 ± 0"]
+
+
+def test_fewer_than_five_people_have_a_change_and_no_effect_size(tmp_path: Path) -> None:
+    text = table(Performed(Study(), tmp_path, [*outcomes("a", 0.0), *outcomes("b", 0.25)]))
+    (cells,) = cells_of(text, "| a | b | Schunk LWA3 | tip")
+    assert (cells[4], cells[5][:4], cells[6]) == ("4", "0.25", "")
+    assert "given for 5 people or more" in text
+
+
+def test_a_trial_whose_loop_fell_behind_the_clock_is_named(tmp_path: Path) -> None:
+    first, *rest = outcomes("a", 0.0)
+    behind = dataclasses.replace(first, late_share=0.25, behind_s=6.0, behind_share=0.1)
+    text = table(Performed(Study(), tmp_path, [behind, *rest]))
+    assert "**Behind the clock** by more than 1 % of the time: 0 by 10 %." in text
+    assert rows_of(text)["share of cycles late"][1] == "0.250 (1 of 4)"
+    assert rows_of(text)["loop behind the clock [s]"][2] == "6.00 (1 of 2)"
+    for on_time in (rest, [dataclasses.replace(behind, behind_share=0.009), *rest]):
+        assert "Behind the clock" not in table(Performed(Study(), tmp_path, on_time))
 
 
 def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path) -> None:
@@ -204,16 +224,16 @@ def test_a_comparison_says_on_which_arm_or_with_which_controller(tmp_path: Path)
 
 
 def test_side_by_side_holds_what_speaks_against_the_second_controller_too() -> None:
-    first = outcomes("a", 0.0)
+    first = outcomes("a", 0.0, people=5)
+    second = outcomes("b", 0.25, people=5)
     nearer = dataclasses.replace(first[3], obstacle_shaft_mm=-1.25, tip_max_mm=9.0)
-    text = side_by_side(
-        [*first, *outcomes("b", 0.25)[:3], dataclasses.replace(nearer, controller="b")]
-    )
+    second[3] = dataclasses.replace(nearer, controller="b")
+    text = side_by_side([*first, *second])
     for start, expected in (
         ("| the same, worst trial", ["-1", "-1.2", "", ""]),
-        ("| tip error, largest", ["4", "9", "", ""]),
-        ("| least distance, shaft", ["5", "4.9", "-0.062 ± 0.062", "-0.015"]),
-        ("| finished; touched", ["4; 1", "4; 1", "", ""]),
+        ("| tip error, largest", ["5", "9", "", ""]),
+        ("| least distance, shaft", ["5.4", "5.3", "-0.05 ± 0.05", "-0.014"]),
+        ("| finished; touched", ["5; 1", "5; 1", "", ""]),
     ):
         (cells,) = cells_of(text, start)
         assert cells[1:] == expected

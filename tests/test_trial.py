@@ -14,7 +14,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rcmqp.cli import main
-from rcmqp.cli.trial import _design
+from rcmqp.cli.trial import _design, _laws
+from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
@@ -65,7 +66,9 @@ def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -
             with folder.sitting() as name:
                 person = folder.add(name, NONE | {"games": games}, chosen)
             rows[games].append(person.row)
-    assert rows == {0: list(range(6)), 3: list(range(6))}
+    assert all(sorted(of) == list(range(6)) for of in rows.values())
+    together = [row for pair in zip(*rows.values(), strict=True) for row in pair]
+    assert sorted(together[:6]) == list(range(6))  # whatever their group
 
 
 # Participants ---------------------------------------------------------------------------------
@@ -78,7 +81,7 @@ def test_experience_decides_the_group_and_novices_alone_practise(tmp_path: Path)
         assert folder.add("P02", NONE | {name: 1}, design()).group == "experienced"
     assert (novice.group, novice.practised) == ("novice", False)
     assert folder.person("P02") is not None
-    assert folder.add("P03", NONE, design(practice=0.0)).practised
+    assert not any(person.practised for person in map(folder.person, ("P01", "P02")) if person)
     assert folder.person("P01") == novice
 
 
@@ -199,7 +202,7 @@ def test_a_design_is_kept_and_another_one_in_its_folder_is_refused(tmp_path: Pat
 def test_a_scenario_that_has_changed_since_the_study_began_is_refused(tmp_path: Path) -> None:
     file, changed = tmp_path / "own.py", "is not what it was when the study began"
     file.write_text(OWN)
-    chosen = _design(str(file), "panda", None, None, None, {})
+    chosen = _design(str(file), "panda", None, None, None, None, {})
     chosen.keep(tmp_path)
     kept = Design.load(tmp_path)
     kept.made(kept.laws[0])
@@ -208,7 +211,7 @@ def test_a_scenario_that_has_changed_since_the_study_began_is_refused(tmp_path: 
     with pytest.raises(OptionError, match=changed):
         kept.made(kept.laws[0])
     with pytest.raises(OptionError, match=changed):
-        _design(str(file), "panda", None, None, None, {}).keep(tmp_path)
+        _design(str(file), "panda", None, None, None, None, {}).keep(tmp_path)
     with pytest.raises(SystemExit, match="1"):
         main(["trial", "--out", str(tmp_path), "--no-open"])
 
@@ -218,6 +221,53 @@ def test_a_folder_without_a_study_is_refused_in_words(tmp_path: Path) -> None:
         Design.load(tmp_path)
     (tmp_path / "study.json").write_text("{}")
     with pytest.raises(OptionError, match="is damaged"):
+        Design.load(tmp_path)
+
+
+def test_each_controller_has_a_period_or_all_have_one() -> None:
+    settings = ["hierarchical_qp", "dual_quaternion"]
+
+    def periods(*given: float) -> list[float]:
+        return [law.period for law in _laws(settings, list(given))[0]]
+
+    assert periods() == [1e-3, 8e-3]
+    assert periods(2e-3) == [2e-3, 2e-3]
+    assert periods(2e-3, 4e-3) == [2e-3, 4e-3]
+    with pytest.raises(OptionError, match="3 times for 2 controllers"):
+        periods(1e-3, 2e-3, 3e-3)
+
+
+def test_a_law_of_ones_own_is_kept_and_a_changed_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match="0"):
+        main(["new", "law", "my_own_law"])
+    file = tmp_path / "my_own_law.py"
+    settings = ["my_own_law.py:MyOwnLaw:gain=30", "hierarchical_qp"]
+    chosen = _design("camera_task", "panda", settings, [4e-3], None, None, {})
+    chosen.keep(tmp_path)
+    chosen.keep(tmp_path)
+    CONTROLLERS.pop("my_own_law")  # another process does not know it
+    kept = Design.load(tmp_path)
+    assert kept == chosen
+    assert [str(law) for law in kept.laws] == [
+        "my_own_law, 4 ms, gain = 30.0",
+        "hierarchical_qp, 4 ms",
+    ]
+    assert [kept.setting(law) for law in kept.laws] == [
+        "my_own_law.py:MyOwnLaw",
+        "hierarchical_qp",
+    ]
+    assert kept.laws[0].controller(kept.made(kept.laws[0])).options["gain"] == 30.0
+    CONTROLLERS.pop("my_own_law")
+    file.write_text(file.read_text() + "\n# changed\n")
+    with pytest.raises(OptionError, match="MyOwnLaw is not what it was"):
+        kept.made(kept.laws[0])
+    file.unlink()
+    with pytest.raises(OptionError, match="cannot be read"):
+        kept.made(kept.laws[1])
+    with pytest.raises(OptionError, match=r"study\.json names the controller .*no such file"):
         Design.load(tmp_path)
 
 

@@ -15,6 +15,7 @@ from scipy.stats import ttest_rel, wilcoxon
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law
+from rcmqp.experiments.trial.conduct import order_table
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.experiments.trial.questions import EXPERIENCE
@@ -110,10 +111,81 @@ def test_the_comparison_is_within_people_and_tested_on_people_alone(folder: Path
     assert float(cells[8]) >= float(cells[7])
 
 
+def test_answers_are_compared_within_people_as_ranks(folder: Path) -> None:
+    text = results_table(read_results(folder))
+    (row,) = [
+        x
+        for x in text.splitlines()
+        if x.startswith("| dual") and "hierarchical_qp, 16 ms | How easy" in x
+    ]
+    cells = [cell.strip() for cell in row.split("|")]
+    assert cells[4:7] == [str(PEOPLE), "1", ""]
+    assert float(cells[7]) == pytest.approx(wilcoxon([1.0] * PEOPLE).pvalue, rel=0.01)
+
+
+def test_who_is_counted_and_in_which_orders_stands_in_the_table(folder: Path) -> None:
+    text = results_table(read_results(folder))
+    assert f"| answered the questions before | {PEOPLE + 1} | 3 | 4 |" in text
+    assert f"| ended all tasks | {PEOPLE} | 3 | 3 |" in text
+    assert "| practised before | 0 | 0 | 0 |" in text
+    assert f"- P{PEOPLE:02d} has not ended task 2; it does not count" in text
+    assert "| dual_quaternion, 16 ms, then hierarchical_qp, 16 ms | 4 | 2 | 2 |" in text
+    assert "| hierarchical_qp, 16 ms, then dual_quaternion, 16 ms | 2 | 1 | 1 |" in text
+    assert "**Unbalanced** (novice: 1 to 2 people an order; experienced: 1 to 2" in text
+
+
+def test_orders_that_are_done_equally_often_are_balanced(folder: Path) -> None:
+    results = read_results(folder)
+    some = [p for p in results.people if p.identifier in ("P00", "P01", "P02", "P03")]
+    assert "are balanced in each group" in order_table(dataclasses.replace(results, people=some))
+
+
+def test_fewer_than_five_people_have_neither_effect_size_nor_interval(folder: Path) -> None:
+    results = read_results(folder)
+    few = [each for each in results.ended if str(each.outcome.operator) < "P04"]
+    text = results_table(dataclasses.replace(results, ended=few))
+    (row,) = [x for x in text.splitlines() if x.startswith("| dual") and "completion" in x]
+    cells = [cell.strip() for cell in row.split("|")]
+    assert cells[4] == "4"
+    assert "[" not in cells[5]
+    assert cells[6:9] == ["", "", ""]
+    assert "Fewer than 5 people have both: no interval, effect size or p is given." in text
+    assert "Fewer than" not in results_table(results)
+
+
+def test_recorded_hands_are_replayed_with_each_controller_beside_people(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hand = folder.parent / "surgeon.csv"
+    lines = [f"{0.02 * k},{10.0 * math.sin(0.05 * k)},0,0" for k in range(100)]
+    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(folder), "--hand", str(hand)])
+    assert "## Recorded hands" in capsys.readouterr().out
+    with (folder / "recorded.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["controller"] for row in rows] == [str(law) for law in LAWS]
+    for row, law in zip(rows, LAWS, strict=True):
+        assert (row["operator"], row["group"], row["completion_s"]) == (
+            "surgeon",
+            "recorded",
+            "nan",
+        )
+        run = Run.load(folder / "recorded" / f"surgeon_panda_{law.stem}.h5")
+        assert run.scenario.obstacles == ()
+        assert float(row["tip_rms_mm"]) == compute_metrics(run).tip_rms_mm
+        way = np.ptp(run.tip_d, axis=0)  # 20 mm from end to end
+        assert np.linalg.norm(way[:2]) == pytest.approx(0.02, rel=0.02)
+    heads = "|  | people, 3 novice, 6 tasks | people, 4 experienced, 7 tasks | surgeon |"
+    assert heads in (folder / "table.md").read_text(encoding="utf-8")
+    with pytest.raises(OptionError, match="two have the same name"):
+        read_results(folder, hands=[hand, hand])
+
+
 def test_answers_stand_by_controller_and_a_comment_stays_text(folder: Path) -> None:
     text = results_table(read_results(folder))
-    (row,) = [x for x in text.splitlines() if "How easy" in x and "dual" in x]
-    assert "1.00 ± 0.00" in row
+    (row,) = [x for x in text.splitlines() if "How easy" in x and "difficult" in x and "dual" in x]
+    assert f"1.00 ± 0.00 ({PEOPLE})" in row
     assert "very difficult 6, difficult 0" in row
     assert "<b>|x|" not in text
     assert r"\<b>\|x\|" in text
@@ -132,7 +204,7 @@ def test_the_command_writes_tables_and_the_figures_of_each_task(
     figures = {each.name for each in (folder / "figures").iterdir()}
     assert {"fig4_views.png", "groups_1.png", "groups_2.png"} < figures
     assert "P03-2_fig7_trajectory.png" in figures
-    assert len(figures) == 3 + 2 * (2 * PEOPLE + 1)
+    assert len(figures) == 4 + 2 * (2 * PEOPLE + 1)
 
 
 def test_options_of_a_simulated_study_are_refused_with_people(
@@ -162,7 +234,7 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     assert results.simulated is not None
     assert [o.operator for o in results.simulated.outcomes] == [0, 1]
     text = results_table(results)
-    assert "| dual_quaternion, 16 ms, people | dual_quaternion, 16 ms, model |" in text
+    assert "| dual_quaternion, 16 ms, people: 1 | dual_quaternion, 16 ms, model: 2 |" in text
     assert "## Simulated operators: Franka Emika Panda, dual_quaternion, 16 ms" in text
     assert "no p values on people who are drawn" in text
     assert "## Comparisons of people" not in text

@@ -250,7 +250,7 @@ def test_a_run_is_no_trial_and_a_trial_that_is_nested_is_refused(saved: Path) ->
     with pytest.raises(RunFileError, match="no trial of a study"):
         remake(saved)
     with h5py.File(saved, "r+") as file:
-        file.attrs["format"], file.attrs["format_version"] = "rcmqp trial", 4
+        file.attrs["format"], file.attrs["format_version"] = "rcmqp trial", 5
         for name in [*file]:
             del file[name]
         file.attrs["law"] = file.attrs["made_of"] = ""

@@ -15,7 +15,7 @@ from rcmqp.cli.console import err, out, print_json, print_tables, say
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.head import Head
 from rcmqp.runs.measures import readable
-from rcmqp.runs.metrics import ROUNDING, Metrics, compute_metrics
+from rcmqp.runs.metrics import BEHIND, ROUNDING, Metrics, compute_metrics
 from rcmqp.runs.moved import recording_remarks
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
@@ -122,6 +122,12 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"a joint turned round in {metrics.reversals_in_a_row:.0f} cycles in a row: the "
             "controller rattles"
         )
+    if metrics.behind_share > BEHIND:
+        texts.append(
+            f"the loop fell {metrics.behind_s:.3g} s behind the clock, "
+            f"{100 * metrics.behind_share:.0f} % of the time: the machine was too busy for a "
+            f"period of {1e3 * period:g} ms, and the arm was slower than its controller asked"
+        )
     texts += recording_remarks(head.scenario)
     gain = float(head.options.get("gain", 0.0)) * period
     if gain > 1.0:
@@ -185,7 +191,18 @@ def _summary(metrics: Metrics, unit: str) -> Sequence[str]:
         *_after_the_stop(metrics),
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
         f"{metrics.solve_time_p99_us:.0f} us p99, by the clock of this machine",
+        *_punctual(metrics),
     )
+
+
+def _punctual(metrics: Metrics) -> list[str]:
+    """Return how late the cycles of a real-time loop were; nothing for a simulated run."""
+    if math.isnan(metrics.late_share):
+        return []
+    return [
+        f"cycles late           {100 * metrics.late_share:.2f} % by half a period or more; the "
+        f"loop ends {metrics.behind_s:.3f} s behind the clock"
+    ]
 
 
 def _governed(result: Recording) -> Sequence[str]:

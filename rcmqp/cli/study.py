@@ -80,6 +80,13 @@ def study(
     tolerance: ask.Tolerance = None,
     instrument: ask.InstrumentOption = None,
     practice: Annotated[float | None, PRACTICE] = None,
+    hand: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="CSV file of a recorded hand, columns t, x, y, z, units in the head such as "
+            "x [mm]; may be repeated. Each is replayed with every controller."
+        ),
+    ] = None,
     jobs: ask.Jobs = 1,
     folder: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for all files; study without it.")
@@ -106,10 +113,11 @@ def study(
     With a folder that rcmqp trial filled, people are summed up, and as many simulated operators
     as are asked for do the same task beside them; all files go to that folder:
 
-      rcmqp study my_study --operators 20
+      rcmqp study my_study --operators 20 --hand surgeon.csv
     """
     from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
     from rcmqp.experiments.study.plan import Law, Study
+    from rcmqp.experiments.study.replay import replay, study_conditions
     from rcmqp.experiments.study.report import write_figures, write_tables
 
     if scenario.endswith(".h5"):
@@ -121,9 +129,9 @@ def study(
         if any(each is not None for each in others):
             raise OptionError(
                 f"{scenario} says what people did and with which controllers, and has all files; "
-                "with it, give no more than --operators, --seed, --jobs and --json"
+                "with it, give no more than --operators, --hand, --seed, --jobs and --json"
             )
-        _people(Path(scenario), operators or 0, seed, jobs, as_json)
+        _people(Path(scenario), operators or 0, hand or [], seed, jobs, as_json)
         return
     _check_known(scenario)
     operators = 20 if operators is None else operators
@@ -149,9 +157,11 @@ def study(
     )
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder or STUDY, jobs=jobs, progress=advance)
-    text, files = write_tables(performed)
+    recorded = replay(hand, study_conditions(chosen), performed.folder) if hand else []
+    text, files = write_tables(performed, recorded=recorded)
     files += write_figures(performed)
-    _print(performed.outcomes, performed.notes, [text], files, as_json)
+    outcomes = [*performed.outcomes, *(each.outcome for each in recorded)]
+    _print(outcomes, performed.notes, [text], files, as_json)
 
 
 def _check_known(scenario: str) -> None:
@@ -220,17 +230,22 @@ def learning_of(practice: float | None) -> Learning | None:
     return None if practice is None else Learning(practice)
 
 
-def _people(folder: Path, operators: int, seed: int, jobs: int, as_json: bool) -> None:
+def _people(
+    folder: Path, operators: int, hands: Sequence[Path], seed: int, jobs: int, as_json: bool
+) -> None:
     """Sum up a study with people."""
     from rcmqp.experiments.trial.report import write_figures, write_results
     from rcmqp.experiments.trial.results import read_results
 
     with console.bar(quiet=as_json) as advance:
-        results = read_results(folder, operators=operators, seed=seed, jobs=jobs, progress=advance)
+        results = read_results(
+            folder, operators=operators, hands=hands, seed=seed, jobs=jobs, progress=advance
+        )
     text, files = write_results(results)
     files.append(write_figures(results))
     drawn = results.simulated
     outcomes = [*results.outcomes, *(drawn.outcomes if drawn else [])]
+    outcomes += [each.outcome for each in results.recorded]
     notes = [*results.remarks, *(drawn.notes if drawn else [])]
     _print(outcomes, notes, [text], files, as_json)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rcmqp.cli.console import out
+from rcmqp.cli.console import out, print_note
 from rcmqp.cli.opening import opening
 from rcmqp.controllers.settings import controller_of
 from rcmqp.errors import OptionError, ToolMissing
@@ -15,6 +15,7 @@ from rcmqp.files import check_readable
 from rcmqp.runs.untrusted import MOST_TEXT
 
 if TYPE_CHECKING:
+    from rcmqp.experiments.study.plan import Law
     from rcmqp.experiments.trial.design import Design
 
 
@@ -37,8 +38,15 @@ def trial(
         typer.Option(
             "--controller",
             "-c",
-            help="NAME, or NAME:OPTION=VALUE,OPTION=VALUE; may be repeated, each is a task; "
-            "hierarchical_qp without it.",
+            help="NAME or FILE.py[:CLASS], and :OPTION=VALUE,OPTION=VALUE; may be repeated, each "
+            "is a task; hierarchical_qp without it.",
+        ),
+    ] = None,
+    period: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="T in s, of all controllers; or repeated, one for each -c in their order; 0.008 "
+            "for dual_quaternion, 0.001 for others, without it."
         ),
     ] = None,
     task: Annotated[
@@ -70,6 +78,8 @@ def trial(
 
       rcmqp trial camera_task --arm panda --out study --consent consent.txt
 
+      rcmqp trial -c my_law.py:MyLaw -c hierarchical_qp --period 0.002 --out study
+
       rcmqp trial --out study            the next participant
 
       rcmqp trial --out study --id P03   who broke off goes on
@@ -91,15 +101,15 @@ def trial(
         return
     numbers = {"practice": practice, "scale": scale, "viscosity": viscosity}
     given = {name: value for name, value in numbers.items() if value is not None}
-    changes = (scenario, arm, controller, task, consent)
+    changes = (scenario, arm, controller, period, task, consent)
     if given or any(each is not None for each in changes):
-        design = _design(scenario, arm, controller, task, consent, given)
+        design = _design(scenario, arm, controller, period, task, consent, given)
         _check(design)
     else:
         from rcmqp.experiments.trial.design import Design
 
         design = Design.load(folder)
-        design.check_scenario()
+        design.check_unchanged()
     try:
         from rcmqp.live.trial import run_trial
     except ModuleNotFoundError as error:
@@ -109,6 +119,11 @@ def trial(
     from rcmqp.files import make_folder
 
     design.keep(make_folder(folder))
+    if len({law.period for law in design.laws}) > 1:
+        print_note(
+            f"the controllers differ in period: {'; '.join(map(str, design.laws))}. To compare "
+            "laws alone, give one --period, in a new folder"
+        )
     with kept.sitting(identifier) as who, opening() as show:
 
         def started(address: str) -> None:
@@ -129,19 +144,18 @@ def _design(
     scenario: str | None,
     arm: str | None,
     controllers: list[str] | None,
+    periods: list[float] | None,
     task: Path | None,
     consent: Path | None,
     given: dict[str, Any],
 ) -> Design:
     """What the options ask for."""
-    from rcmqp.experiments.study.plan import Law
     from rcmqp.experiments.trial.design import Design, scenario_sha256
     from rcmqp.experiments.trial.task import read_task, scenarios_task
     from rcmqp.runs.loading import load_scenario
 
     scenario = scenario or "camera_task"
-    settings = [controller_of(each) for each in controllers or ["hierarchical_qp"]]
-    laws = tuple(Law(name, options=tuple(options.items())) for name, options in settings)
+    laws, own_laws = _laws(controllers or ["hierarchical_qp"], periods or [])
     if task is None:
         chosen = scenarios_task(load_scenario(scenario, arm))
     else:
@@ -154,7 +168,33 @@ def _design(
         except (OSError, UnicodeDecodeError) as error:
             raise OptionError(f"the text of consent {consent} cannot be read: {error}") from error
     sha256 = scenario_sha256(scenario, arm or "")
-    return Design(scenario, arm or "", laws, chosen, consent=text, scenario_sha256=sha256, **given)
+    given |= {"consent": text, "scenario_sha256": sha256, "own_laws": own_laws}
+    return Design(scenario, arm or "", laws, chosen, **given)
+
+
+def _laws(
+    controllers: list[str], periods: list[float]
+) -> tuple[tuple[Law, ...], dict[str, tuple[str, str]]]:
+    """The controllers with their periods; and those of an own file, see Design.own_laws."""
+    from rcmqp.controllers.settings import FILE_SETTING, registered
+    from rcmqp.experiments.study.plan import Law
+    from rcmqp.experiments.trial.design import file_sha256
+
+    if len(periods) not in (0, 1, len(controllers)):
+        raise OptionError(
+            f"--period is given {len(periods)} times for {len(controllers)} controllers; give it "
+            "once for all, or once for each in their order"
+        )
+    each: list[float | None] = [*periods] or [None]
+    each *= len(controllers) if len(each) == 1 else 1
+    laws, own = [], {}
+    for setting, period in zip(controllers, each, strict=True):
+        name, options = controller_of(registered(setting))
+        laws.append(Law(name, period, tuple(options.items())))
+        if found := FILE_SETTING.fullmatch(setting):
+            file = found["file"] + (f":{found['name']}" if found["name"] else "")
+            own[name] = (file, file_sha256(file))
+    return tuple(laws), own
 
 
 def _check(design: Design) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from rcmqp.controllers import make_controller
+from rcmqp.controllers.settings import registered
 from rcmqp.errors import RcmqpError
 from rcmqp.live.goals import Goals
 from rcmqp.live.page_hand import PageHand
@@ -179,7 +180,8 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
     scenario = Scenario.from_json(header["scenario"])
     path, goals = scenario.path, None
     insertion, period = simulated(scenario), scenario.period
-    controller = make_controller(header["controller"], insertion, period, **header["options"])
+    name = registered(header["controller"])
+    controller = make_controller(name, insertion, period, **header["options"])
     robot = SimulatedArm(insertion, period)
     if isinstance(path, Search) and not header.get("practice"):
         goals = Goals.of(path, insertion)

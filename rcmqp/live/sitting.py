@@ -21,6 +21,7 @@ from rcmqp.live.page import start_data, task_page, task_words
 from rcmqp.live.server import Console
 from rcmqp.live.session import quantiles
 from rcmqp.realtime.latency import LatencyCounter
+from rcmqp.references.operators import GROUPS
 from rcmqp.references.paths import Search
 
 PRACTICE = (
@@ -101,7 +102,8 @@ class Sitting:
                 f"{len(rows)}, from 0; delete the participant with rcmqp trial --delete"
             )
         order = rows[person.row]
-        if not person.practised:
+        novice = person.group == GROUPS[0]
+        if novice and self._design.practice and not person.practised:
             await self._practise(person, laws[order[0]])
         for number, k in enumerate(order, 1):
             await self._do(number, laws[k])
@@ -214,7 +216,7 @@ class Sitting:
         words = {"note": "", **task_words(task, scenario.insertion()), **words}
         header |= {
             "scenario": scenario.to_json(carry=True),
-            "controller": law.name,
+            "controller": design.setting(law),
             "options": dict(law.options),
             "hand": {"scale": design.scale, "viscosity": design.viscosity},
             "practice": practice,

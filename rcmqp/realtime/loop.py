@@ -311,10 +311,10 @@ class RealtimeLoop:
             )
         call(self.robot.send, v)
         self.v, self.a = v, (v - self.v) / timing.period
-        due, sent = timing.due, timing.now()
+        due, slip, sent = timing.due, timing.slip, timing.now()
         held = sent - due
         timing.sent()
-        self._notes.sent(due, now, sent, (q, v_read), v)
+        self._notes.sent(due - slip, now, sent, (q, v_read), v)
         if held > self.lateness:
             raise LoopFault(
                 f"send() took until {held:.4g} s, allowed {self.lateness:.4g} s; {BUSY}"
@@ -354,7 +354,7 @@ class RealtimeLoop:
             self.signals.call(self.robot.send, self._braking)
         except BaseException:  # noqa: BLE001  (the next may get through)
             sent, self.unsent = False, self.unsent + 1
-        due = timing.due
+        due = timing.due - timing.slip
         with contextlib.suppress(BaseException):
             timing.sent()
         if sent:

@@ -129,6 +129,16 @@ ERRORS = {"tip": "mm", "effector": "mm", "rcm": "mm", "orientation": "mrad"}
 """What has an rms, a largest value and a 95th percentile, and its unit."""
 
 
+LATE = 0.5
+"""Periods after which a cycle that has not begun is late."""
+
+BEHIND = 0.01
+"""Share of the time above which an arm behind the clock is remarked on."""
+
+NOT_TIMED = {"late_share": np.nan, "behind_s": np.nan}
+"""Of a run that no clock drove."""
+
+
 @dataclass(frozen=True, slots=True)
 class Metrics:
     """Errors, limits and times of a run, over all its sampling instants.
@@ -148,6 +158,8 @@ class Metrics:
     contour_rms_mm: float
     contour_max_mm: float
     lag_max_s: float
+    late_share: float
+    behind_s: float
     effector_rms_mm: float
     effector_max_mm: float
     effector_p95_mm: float
@@ -180,6 +192,11 @@ class Metrics:
     settling_time_s: float
     reference_end_s: float
 
+    @property
+    def behind_share(self) -> float:
+        """Share of the clock's time that a real-time loop fell behind; see ``behind_s``."""
+        return self.behind_s / max(self.duration_s + self.behind_s, 1e-9)
+
 
 def compute_metrics(run: Recording) -> Metrics:
     """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
@@ -211,6 +228,7 @@ def compute_metrics(run: Recording) -> Metrics:
         "contour_rms_mm": 1e3 * asked["contour"].rms,
         "contour_max_mm": 1e3 * found["contour"].high,
         "lag_max_s": found["lag"].high,
+        **(_lateness(run) if "sent_after" in part.diagnostics else NOT_TIMED),
         **behaviour.summary(),
         "depth_min_mm": 1e3 * found["depth"].low,
         "depth_max_mm": 1e3 * found["depth"].high,
@@ -227,6 +245,13 @@ def compute_metrics(run: Recording) -> Metrics:
         "solve_time_p99_us": 1e6 * np.nanpercentile(solve_time, 99),
     }
     return Metrics(**{name: float(value) for name, value in values.items()})
+
+
+def _lateness(run: Recording) -> dict[str, float]:
+    """How late the cycles of a real-time loop were, see LATE, and how far it fell behind."""
+    steps, period = np.diff(run.column("time")[:]), run.head.scenario.period
+    late = float(np.mean(steps >= (1.0 + LATE) * period)) if len(steps) else 0.0
+    return {"late_share": late, "behind_s": max(0.0, float((steps - period).sum()))}
 
 
 def _measures(part: Run, before: Run | None) -> dict[str, Array]:

@@ -145,6 +145,25 @@ _METRICS = (
         unit="s",
         how="max",
     ),
+    Measure(
+        "late_share",
+        "late",
+        "share of cycles late",
+        "",
+        "Share of the cycles of a real-time loop that began half a period late or more; missing "
+        "of a run that no clock drove.",
+        fixed=".3f",
+    ),
+    Measure(
+        "behind_s",
+        "behind",
+        "loop behind the clock",
+        "s",
+        "Time by the clock less the periods of the cycles that were run. A simulated arm stands "
+        "still for as long, and on a real arm as many cycles are missing; missing of a run that "
+        "no clock drove.",
+        fixed=".2f",
+    ),
     *(
         Measure(
             f"depth_{kind}_mm",

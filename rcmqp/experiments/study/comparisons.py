@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp.experiments.study.outcome import Outcome
-from rcmqp.experiments.study.statistics import Effect, Summary, effect, summary
+from rcmqp.experiments.study.statistics import FEWEST, Effect, Summary, effect, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.show.labels import GIVEN, given_names
@@ -35,7 +35,9 @@ SIDE_BY_SIDE = (
 CHANGES = (
     "Change: the mean change ± its Monte-Carlo error, its standard error over the people drawn. "
     "Effect size: that change over the standard deviation between people (Cohen's d_av, of both "
-    "samples' mean variance) ± its Monte-Carlo error, by the jackknife. More people make the "
+    "samples' mean variance) ± its Monte-Carlo error, by the jackknife, given for "
+    f"{FEWEST} people or more: of fewer, the deviation is too uncertain to divide by. More people "
+    "make the "
     "errors smaller, not the effects larger; there are no p values, because people who are drawn "
     "from a model can be had in any number."
 )
@@ -169,7 +171,7 @@ def _with_error(found: Summary, style: str) -> str:
 
 
 def _size(found: Effect) -> str:
-    if math.isnan(found.size):
+    if math.isnan(found.size) or found.change.count < FEWEST:
         return ""
     error = "" if math.isnan(found.size_error) else f" ± {found.size_error:.2g}"
     return f"{found.size:.2g}{error}"

@@ -13,12 +13,14 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from rcmqp.experiments.study.comparisons import given_of
 from rcmqp.experiments.study.outcome import Outcome, task_of
+from rcmqp.experiments.study.statistics import FEWEST
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.hand import HandMapping
 from rcmqp.references.operators import GROUPS
 from rcmqp.references.view import view_pose
+from rcmqp.runs.metrics import BEHIND
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.labels import SPHERES, given_words
 from rcmqp.world.camera import Pinhole, camera_pose
@@ -155,6 +157,7 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
         label = "the paper's mean" if i == 0 else None
         mean = PAPER_TIMES[group]
         whole.plot([i + 0.7, i + 1.3], [mean, mean], "k--", label=label)
+    whole.set_ylim(0.0, 1.1 * max(whole.get_ylim()[1], *PAPER_TIMES.values()))
     whole.legend(fontsize=8)
     whole.set_ylabel("completion time [s]")
     for group in GROUPS:
@@ -194,11 +197,12 @@ def groups_figure(outcomes: Sequence[Outcome]) -> Figure:
 
 def _boxes(axes: Axes, sets: Sequence[Sequence[float]], labels: Sequence[str]) -> None:
     clean = [[value for value in values if not math.isnan(value)] for values in sets]
-    axes.boxplot(clean, tick_labels=list(labels), widths=0.5, showfliers=False)
+    boxed = [values if len(values) >= FEWEST else [] for values in clean]  # points alone of few
+    axes.boxplot(boxed, tick_labels=list(labels), widths=0.5, showfliers=False)
     for i, values in enumerate(clean):
-        x = i + 1 + np.linspace(-0.12, 0.12, max(len(values), 1))[: len(values)]
+        x = i + 1 + np.linspace(-0.12, 0.12, len(values)) * (len(values) > 1)
         axes.plot(x, values, ".", color=list(GROUP_COLOURS.values())[i % 2], alpha=0.7)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.1 * max((y for values in clean for y in values), default=1.0))
     axes.grid(axis="y", alpha=0.3)
 
 
@@ -217,8 +221,12 @@ def _ball(sphere: Sphere) -> tuple[Array, Array, Array]:
 
 
 def _title(outcome: Outcome) -> str:
-    person = f"operator {outcome.operator} ({outcome.group})"
-    return f"{person}, {outcome.arm}, {outcome.controller}\n{_given(outcome)}"
+    kind = "participant" if isinstance(outcome.operator, str) else "operator"
+    person = f"{kind} {outcome.operator} ({outcome.group})"
+    late = ""
+    if outcome.behind_share > BEHIND:
+        late = f"\nbehind the clock by {100 * outcome.behind_share:.0f} % of the time"
+    return f"{person}, {outcome.arm}, {outcome.controller}\n{_given(outcome)}{late}"
 
 
 def _given(outcome: Outcome) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,6 +51,9 @@ WINDOW = 4.0
 
 TREMOR_BAND = (8.0, 12.0)
 """[Hz]."""
+
+MODEL = "model"
+"""How the title of a column of the model's hands begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +139,8 @@ def compare_hands(
         measure_hand(model_hand(trial, chance), rate, trial.operator.group)
         for trial, chance in trials
     ]
-    table, figure = hand_table(recorded, model, rate), hand_figure(recorded, model)
+    columns = {m.label: [m] for m in recorded} | by_group(model, MODEL)
+    table, figure = hand_table(columns, rate), hand_figure(columns)
     files = [] if out is None else _write(make_folder(out), table, figure)
     return HandComparison(recorded, model, table, figure, files)
 
@@ -154,6 +158,30 @@ def model_hand(trial: CameraTrial, seed: int, period: float = 1.0 / RATE) -> Han
             break
         x = view_pose(insertion.x_rcm, view).x_d
     return HandTrace(tuple(times), tuple(positions), mapping=trial.mapping)
+
+
+def compare_asked(
+    asked: Mapping[str, Sequence[Mapping[str, Array]]],
+) -> tuple[str, Figure] | None:
+    """Compare the ways that the tip was asked to go: of people, of the model, of recordings.
+
+    What a page's hand did itself is not kept; what it asked for is, after the viscosity. So it is
+    the asked tip that counts of all of them.
+
+    Args:
+        asked: traces of trials, see TRACES, by the title of their column; the model's begins with
+            MODEL. Those of less than a second do not count.
+
+    Returns:
+        Markdown, and a figure as compare_hands() makes it; None if no trial counts.
+    """
+    columns = {}
+    for title, trials in asked.items():
+        ways = [(each["time"] - each["time"][0], each["tip_d"]) for each in trials]
+        traces = [HandTrace(tuple(t.tolist()), tuple(p.tolist())) for t, p in ways if t[-1] >= 1.0]
+        if traces:
+            columns[title] = [measure_hand(trace, label=title) for trace in traces]
+    return (hand_table(columns, RATE), hand_figure(columns)) if columns else None
 
 
 def measure_hand(trace: HandTrace, rate: float = RATE, label: str = "hand") -> HandMeasures:
@@ -203,47 +231,52 @@ def measure_hand(trace: HandTrace, rate: float = RATE, label: str = "hand") -> H
     )
 
 
-def hand_table(
-    recorded: Sequence[HandMeasures], model: Sequence[HandMeasures], rate: float
-) -> str:
-    """Markdown: a column for each recording and each group of the model."""
-    groups = {group: [m for m in model if m.label == group] for group in GROUPS}
-    heads = [m.label for m in recorded]
-    heads += [f"model, {len(of)} {group}" for group, of in groups.items() if of]
-    rows = []
-    for name, measure in HANDS.items():
-        cells = [_cell([getattr(m, name)], measure.fixed) for m in recorded]
-        cells += [
-            _cell([getattr(m, name) for m in of], measure.fixed) for of in groups.values() if of
+def by_group(hands: Sequence[HandMeasures], whose: str) -> dict[str, list[HandMeasures]]:
+    """Hands whose labels are groups, by group; the titles say whose they are, and how many."""
+    groups = {group: [m for m in hands if m.label == group] for group in GROUPS}
+    return {f"{whose}, {len(of)} {group}": of for group, of in groups.items() if of}
+
+
+def hand_table(columns: Mapping[str, Sequence[HandMeasures]], rate: float) -> str:
+    """Markdown: a column for each recording or group, by its title."""
+    rows = [
+        [
+            measure.row,
+            *(_cell([getattr(m, name) for m in of], measure.fixed) for of in columns.values()),
         ]
-        rows.append([measure.row, *cells])
+        for name, measure in HANDS.items()
+    ]
     note = (
         f"All hands at {rate:.3g} Hz, low-passed at {min(CUTOFF, 0.4 * rate):.3g} Hz. A movement "
-        f"is {SHORTEST:g} s or more above {1e3 * SLOW:g} mm/s. Of the model: median, and [ ] the "
-        "least and the largest of its people. Nothing of the model was fitted to these numbers."
+        f"is {SHORTEST:g} s or more above {1e3 * SLOW:g} mm/s. Of several hands: median, and [ ] "
+        "the least and the largest. Nothing of the model was fitted to these numbers."
     )
     explained = {measure.row: measure.meaning for measure in HANDS.values()}
-    return f"{Table(['', *heads], rows).markdown()}\n{note}\n\n{definitions(explained)}"
+    return f"{Table(['', *columns], rows).markdown()}\n{note}\n\n{definitions(explained)}"
 
 
-def hand_figure(recorded: Sequence[HandMeasures], model: Sequence[HandMeasures]) -> Figure:
+def hand_figure(columns: Mapping[str, Sequence[HandMeasures]]) -> Figure:
     """Spectra of the speed, and SPARC over LDLJ: recordings in colour, the model in grey."""
     from matplotlib.figure import Figure  # Matplotlib takes long to import
 
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    styles = dict(zip(GROUPS, (("0.45", "x"), ("0.75", "+")), strict=True))
-    labelled = set[str]()
-    for i, m in enumerate([*model, *recorded]):
-        drawn, marker = styles.get(m.label, (colour(i - len(model)), "o"))
-        name = m.label if m.label not in GROUPS else f"model, {m.label}"
-        label = None if name in labelled else name
-        labelled.add(name)
-        width = 0.7 if m.label in GROUPS else 1.8
-        left.loglog(*m.spectrum[:, 1:], color=drawn, linewidth=width, label=label)
-        right.plot([m.ldlj], [m.sparc], marker, color=drawn, label=label)
+    greys, others = iter((("0.45", "x"), ("0.75", "+"))), 0
+    ordered = sorted(columns.items(), key=lambda item: not item[0].startswith(MODEL))
+    for title, hands in ordered:
+        if title.startswith(MODEL):
+            drawn, marker, width = *next(greys), 0.7
+        else:
+            drawn, marker, width = colour(others), "o", 1.8 if len(hands) == 1 else 1.0
+            others += 1
+        for i, m in enumerate(hands):
+            label = None if i else title
+            left.loglog(*m.spectrum[:, 1:], color=drawn, linewidth=width, label=label)
+            right.plot([m.ldlj], [m.sparc], marker, color=drawn, label=label)
     left.set(xlabel="frequency [Hz]", ylabel="power of the speed over all of it [1/Hz]")
     left.axvspan(*TREMOR_BAND, color="0.93", zorder=0)
+    last = max((m.spectrum[0, -1] for of in columns.values() for m in of), default=CUTOFF)
+    left.set_xlim(right=min(CUTOFF, 0.8 * last))  # beyond it there is the low-pass alone
     left.set_ylim(bottom=1e-7)
     right.set(xlabel="LDLJ of a movement, median", ylabel="SPARC of a movement, median")
     for axes in (left, right):

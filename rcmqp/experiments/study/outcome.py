@@ -14,7 +14,7 @@ from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import camera_trial, recognition_times
 from rcmqp.references.operators.camera_task import reached
-from rcmqp.references.paths import Search
+from rcmqp.references.paths import HandTrace, Search
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
@@ -67,6 +67,9 @@ class Outcome:
     rcm_rms_moving_mm: float = np.nan
     speed_ratio_max: float = np.nan
     limit_margin_min_rad: float = np.nan
+    late_share: float = np.nan
+    behind_s: float = np.nan
+    behind_share: float = np.nan
     digest: str = ""
     failure: str = ""
 
@@ -103,21 +106,26 @@ def sum_up(
 ) -> tuple[Outcome, dict[str, Array]]:
     """Compute the numbers of a trial's run, steered by a person or by a simulated operator.
 
+    A recorded hand has no task: nothing is found, and no obstacle is there.
+
     Returns:
         The numbers, without ``looking_s``; and the traces by name, see TRACES.
     """
     scenario = run.scenario
-    insertion, task = scenario.insertion(), task_of(scenario)
+    insertion = scenario.insertion()
+    task = None if isinstance(scenario.path, HandTrace) else task_of(scenario)
     back = dq.quaternion_conj(dq.P(insertion.x_rcm))
     pivot = np.array(scenario.trocar.pivot)
     tip, tip_d = (dq.rotate(back, points - pivot) for points in (run.tip, run.tip_d))
     shaft = insertion.instrument.length * dq.rotate(dq.P(run.x), np.array([0.0, 0.0, 1.0]))
     mount = dq.rotate(back, run.tip - shaft - pivot)
     camera = surface = np.full(len(tip), np.nan)
-    if (ball := task.obstacle) is not None:
+    if task is not None and (ball := task.obstacle) is not None:
         camera = np.linalg.norm(tip - np.array(ball.centre), axis=-1) - ball.radius
         surface = clearance(tip, mount, ball) - insertion.instrument.radius
-    times = reached(run.time, tip, np.array(task.places), task.tolerance)
+    times = np.empty(0)
+    if task is not None:
+        times = reached(run.time, tip, np.array(task.places), task.tolerance)
     found = compute_metrics(run)
     slow = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=-1) < SLOW * run.period
     moving = float(np.sqrt(np.mean(run.rcm_error[~slow] ** 2))) if not slow.all() else np.nan
@@ -130,8 +138,8 @@ def sum_up(
         scenario.arm,
         str(law),
         scenario.period,
-        finished=not np.isnan(times[-1]),
-        completion_s=float(times[-1]),
+        finished=task is not None and not np.isnan(times[-1]),
+        completion_s=float(times[-1]) if task is not None else np.nan,
         reached_s=tuple(map(float, times)),
         obstacle_tip_mm=1e3 * float(camera.min()),
         obstacle_shaft_mm=1e3 * float(surface.min()),
@@ -176,4 +184,5 @@ _FROM_METRICS = tuple(
     item.name
     for item in dataclasses.fields(Outcome)
     if item.name.endswith(("_rms_mm", "_max_mm", "rms_mm_s", "ratio_max", "min_rad"))
+    or item.name.startswith(("late_", "behind_"))
 )

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rcmqp.experiments.study.perform import Performed
+from rcmqp.experiments.study.replay import replay_table
 from rcmqp.experiments.study.tables import operators_csv, outcomes_csv, table
+from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.files import write_text
 from rcmqp.runs.metrics import Metrics
 
 FIGURES = ("fig4_views", "fig6_errors", "fig7_trajectory", "groups")
 
 
-def write_tables(performed: Performed, jump: Metrics | None = None) -> tuple[str, list[Path]]:
-    """table.md, trials.csv and operators.csv; the table's text and the files.
+def write_tables(
+    performed: Performed, jump: Metrics | None = None, recorded: Sequence[TrialFile] = ()
+) -> tuple[str, list[Path]]:
+    """table.md, trials.csv, operators.csv, recorded.csv; the table's text and the files.
 
     Args:
         performed: the study.
         jump: see tables.table().
+        recorded: replays of recorded hands; there is a recorded.csv of them only if there are any.
 
     Raises:
         RunFileError: a file cannot be written.
     """
     study, text = performed.study, table(performed, jump)
+    replayed = [each.outcome for each in recorded]
+    if replayed:
+        text += f"\n## Recorded hands\n\n{replay_table(replayed)}"
     head = (
         f"# Study: {study.scenario}, {study.operators} simulated operators, seed {study.seed}\n\n"
     )
@@ -31,6 +40,8 @@ def write_tables(performed: Performed, jump: Metrics | None = None) -> tuple[str
         "trials.csv": outcomes_csv(performed.outcomes),
         "operators.csv": operators_csv(study),
     }
+    if replayed:
+        files["recorded.csv"] = outcomes_csv(replayed)
     for name, content in files.items():
         write_text(performed.folder / name, content)
     return text, [performed.folder / name for name in files]

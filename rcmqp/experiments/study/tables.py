@@ -20,7 +20,7 @@ from rcmqp.experiments.study.statistics import FEWEST, Summary, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
 from rcmqp.runs.measures import Measure
-from rcmqp.runs.metrics import ROUNDING, Metrics
+from rcmqp.runs.metrics import BEHIND, ROUNDING, Metrics
 from rcmqp.show.labels import given_words
 from rcmqp.show.table import Table, definitions, literal
 
@@ -35,6 +35,8 @@ MEANS = {
     "obstacle_shaft_mm": "12.52 ± 5.03 (‡)",
     "tip_speed_rms_mm_s": "not given",
     "slow_share": "not given",
+    "late_share": "not given",
+    "behind_s": "not given",
 }
 """Measures with mean and standard deviation, and the paper's figures."""
 
@@ -42,6 +44,7 @@ RANGES = {
     "obstacle_tip_mm": (-math.inf, math.inf),
     "obstacle_shaft_mm": (-math.inf, math.inf),
     "slow_share": (0.0, 1.0),
+    "late_share": (0.0, 1.0),
 }
 """The least and largest possible value of a measure of MEANS; 0 and no end if not listed."""
 
@@ -106,9 +109,18 @@ def table(performed: Performed, jump: Metrics | None = None) -> str:
         parts.insert(0, f"## Side by side\n\n{beside}")
     if comparison := comparison_table(performed.outcomes):
         parts.append(f"## Paired comparisons\n\n{comparison}")
-    explained = {TRIALS[name].row: TRIALS[name].meaning for name in (*MEANS, *EXTREMES)}
-    parts.append(f"{NOTES}\n## What the rows mean\n\n{definitions(explained)}")
+    parts.append(f"{NOTES}\n## What the rows mean\n\n{rows_explained(performed.outcomes)}")
     return "\n".join(parts)
+
+
+def rows_explained(outcomes: Sequence[Outcome]) -> str:
+    """Markdown list: what the rows of table_one() mean that have a number."""
+    names = [
+        name
+        for name in (*MEANS, *EXTREMES)
+        if not all(math.isnan(getattr(o, name)) for o in outcomes)
+    ]
+    return definitions({TRIALS[name].row: TRIALS[name].meaning for name in names})
 
 
 def table_one(outcomes: Sequence[Outcome], jump: Metrics | None = None) -> str:
@@ -141,7 +153,20 @@ def table_one(outcomes: Sequence[Outcome], jump: Metrics | None = None) -> str:
             f"\n{len(failed)} trials failed; the first, operator {failed[0].operator}: "
             f"{literal(failed[0].failure)}\n"
         )
-    return text
+    return text + late_note(outcomes)
+
+
+def late_note(outcomes: Sequence[Outcome]) -> str:
+    """Which trials a busy machine slowed down by more than BEHIND of the time; empty for none."""
+    late = [o for o in outcomes if o.behind_share > BEHIND]
+    if not late:
+        return ""
+    each = ", ".join(f"{o.operator} by {100 * o.behind_share:.0f} %" for o in late)
+    return (
+        f"\n**Behind the clock** by more than {100 * BEHIND:g} % of the time: {each}. The machine "
+        f"was too busy for a period of {1e3 * late[0].period:g} ms. The arm was slower than its "
+        "controller asked: times, speeds and answers of these trials are partly the machine's.\n"
+    )
 
 
 def outcomes_csv(outcomes: Sequence[Outcome]) -> str:

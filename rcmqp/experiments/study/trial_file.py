@@ -32,7 +32,7 @@ from rcmqp.runs.untrusted import (
 )
 
 FORMAT = "rcmqp trial"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 SUFFIX = ".h5"
 
 

@@ -61,6 +61,14 @@ _TRIALS = (
         how="rms",
         fixed=".4f",
     ),
+    Measure(
+        "behind_share",
+        "behind",
+        "share of time that the loop fell behind the clock",
+        "",
+        "Share of the time in which a simulated arm stood still because its machine was busy.",
+        fixed=".3f",
+    ),
 )
 
 TRIALS = MEASURES | {measure.name: measure for measure in _TRIALS}

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from rcmqp.controllers.settings import FILE_SETTING, registered
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.task import with_task
@@ -49,6 +51,36 @@ def scenario_sha256(scenario: str, arm: str) -> str:
     return hashlib.sha256(made.encode()).hexdigest()
 
 
+class LawMissing(OptionError):
+    """The file of a study's own controller is not there, or cannot be run."""
+
+
+def _run_files(study: Path, own_laws: Mapping[str, tuple[str, str]]) -> None:
+    """Make a study's own controllers known by their names."""
+    for setting, _ in own_laws.values():
+        try:
+            registered(setting)
+        except RcmqpError as error:
+            raise LawMissing(
+                f"{study} names the controller {setting}: {error}; give the command in the folder "
+                "in which the study began, with that file in its place"
+            ) from error
+
+
+def file_sha256(setting: str) -> str:
+    """SHA-256 of the file of a controller's setting, FILE.py or FILE.py:CLASS.
+
+    Raises:
+        OptionError: it cannot be read.
+    """
+    found = FILE_SETTING.fullmatch(setting)
+    file = Path(found["file"] if found else setting)
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise OptionError(f"the controller {setting} cannot be read: {error}") from error
+
+
 @options
 @dataclass(frozen=True, slots=True)
 class Design:
@@ -64,6 +96,8 @@ class Design:
         viscosity: of the device [N s/m].
         consent: text that a participant agrees to; empty for none.
         scenario_sha256: see scenario_sha256(); empty if it is not to be checked.
+        own_laws: controllers in a file of one's own: the setting, FILE.py or FILE.py:CLASS, and
+            the file's SHA-256, by the controller's name.
     """
 
     scenario: str
@@ -75,6 +109,7 @@ class Design:
     viscosity: float = field(default=15.0, metadata=at_least(0.0, "N s/m"))
     consent: str = ""
     scenario_sha256: str = ""
+    own_laws: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that conditions differ and that the text of consent is one that can be read."""
@@ -87,18 +122,30 @@ class Design:
         """The scenario with the task, at the period of a controller.
 
         Raises:
-            OptionError: the scenario is not what it was when the study began.
+            OptionError: the scenario, or a controller's file, is not what it was when the study
+                began.
         """
-        self.check_scenario()
+        self.check_unchanged()
         base = load_scenario(self.scenario, self.arm or None, period=law.period)
         return with_task(base, self.task)
 
-    def check_scenario(self) -> None:
-        """Check that the scenario is what it was when the study began.
+    def setting(self, law: Law) -> str:
+        """A controller as another process finds it: its name, or the file that has it."""
+        return self.own_laws[law.name][0] if law.name in self.own_laws else law.name
+
+    def check_unchanged(self) -> None:
+        """Check that scenario and controllers are what they were when the study began.
 
         Raises:
-            OptionError: it is not.
+            OptionError: they are not.
         """
+        for setting, sha256 in self.own_laws.values():
+            if file_sha256(setting) != sha256:
+                raise OptionError(
+                    f"the controller {setting} is not what it was when the study began, and all "
+                    "participants do the same: restore it, or begin another study in another "
+                    "folder"
+                )
         now = scenario_sha256(self.scenario, self.arm)
         if self.scenario_sha256 and self.scenario_sha256 != now:
             raise OptionError(
@@ -116,14 +163,19 @@ class Design:
         """The design of the study in a folder.
 
         Raises:
-            OptionError: there is none, or it is damaged.
+            OptionError: there is none, or it is damaged, or a controller's file is not there.
         """
         file = folder / FILE
         try:
             data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+            own = data.get("own_laws", {})
+            data["own_laws"] = {name: (setting, sha256) for name, (setting, sha256) in own.items()}
+            _run_files(file, data["own_laws"])
             data["laws"] = tuple(map(Law.from_json, data["laws"]))
             data["task"] = Search(**data["task"])
             return cls(**data)
+        except LawMissing:
+            raise
         except FileNotFoundError as error:
             raise OptionError(
                 f"{folder} has no study with people: no {FILE}; begin one with "
@@ -145,11 +197,12 @@ class Design:
         kept = Design.load(folder)
         same = kept.scenario == self.scenario and kept.arm == self.arm
         if same and self.scenario_sha256:
-            kept.check_scenario()
+            kept.check_unchanged()
             kept = dataclasses.replace(kept, scenario_sha256=self.scenario_sha256)
         for item in dataclasses.fields(Design):
             if getattr(kept, item.name) != getattr(self, item.name):
+                what = "set of controllers and periods" if item.name == "laws" else item.name
                 raise OptionError(
-                    f"{folder} is a study with another {item.name}; all participants do the "
+                    f"{folder} is a study with another {what}; all participants do the "
                     "same: give the same options as before, or another folder"
                 )

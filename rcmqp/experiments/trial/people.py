@@ -26,7 +26,8 @@ HIGHEST = "highest_number.txt"
 """File of the highest number of P01, P02 and so on when a participant was deleted last."""
 
 FIGURES, SUMMARIES = "figures", ("table.md", "trials.csv", "answers.csv")
-"""What ``rcmqp study`` makes of them all: a folder and files."""
+OF_ALL = ("groups_*", "hands*")
+"""What ``rcmqp study`` makes of them all: a folder and files, and figures in the folder."""
 
 DAMAGED = "is damaged; delete the participant with rcmqp trial --delete"
 """What is said of a file of a participant that is not as it was written."""
@@ -43,7 +44,7 @@ class Person:
         before: answers, see questions.EXPERIENCE.
         group: novice or experienced.
         row: of orders(), in which the conditions come.
-        practised: whether the practice is over, or not needed.
+        practised: whether the person has practised; who is experienced does not.
     """
 
     identifier: str
@@ -144,15 +145,19 @@ class Folder:
         return found
 
     def add(self, identifier: str, before: Mapping[str, int], design: Design) -> Person:
-        """Take a new participant, in the order that fewest of the same group have had so far."""
+        """Take a new participant, in the order that fewest of the same group have had so far.
+
+        Of several such orders it is the one that fewest people in all have had.
+        """
         make_folder(self.path / PEOPLE)
         make_folder(self.path / TRIALS)
         group = group_of(before)
-        others = [self.person(name) for name in self.identifiers()]
-        rows = [each.row for each in others if each is not None and each.group == group]
-        row = min(range(len(orders(len(design.laws)))), key=rows.count)
-        practised = group != GROUPS[0] or design.practice == 0.0
-        person = Person(identifier, before, group, row, practised)
+        others = [each for each in map(self.person, self.identifiers()) if each is not None]
+        alike = [each.row for each in others if each.group == group]
+        rows = [each.row for each in others]
+        count = len(orders(len(design.laws)))
+        row = min(range(count), key=lambda k: (alike.count(k), rows.count(k)))
+        person = Person(identifier, before, group, row, practised=False)
         self.keep_person(person)
         return person
 
@@ -210,8 +215,8 @@ class Folder:
         if not there:
             known = ", ".join(self.identifiers()) or "nobody"
             raise OptionError(f"{self.path} has no participant {identifier}; it has {known}")
-        groups = (self.path / FIGURES).glob("groups_*")
-        there += [*filter(Path.is_file, [self.path / name for name in SUMMARIES]), *groups]
+        there += filter(Path.is_file, [self.path / name for name in SUMMARIES])
+        there += [file for name in OF_ALL for file in (self.path / FIGURES).glob(name)]
         with self.sitting(identifier):
             write_text(self.path / HIGHEST, f"{self._highest(identifier)}\n")
             for file in {*there, self._lock(identifier)}:

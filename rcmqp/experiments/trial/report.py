@@ -5,16 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from rcmqp.experiments.study.comparisons import conditions
+from rcmqp.experiments.study.hands import compare_asked
 from rcmqp.experiments.study.tables import outcomes_csv
 from rcmqp.experiments.trial.people import FIGURES, SUMMARIES
 from rcmqp.experiments.trial.results import Results
-from rcmqp.experiments.trial.tables import answers_csv, results_table
+from rcmqp.experiments.trial.tables import answers_csv, asked_of, results_table
 from rcmqp.files import make_folder, write_text
 from rcmqp.runs.scenario import Scenario
 
 
 def write_results(results: Results) -> tuple[str, list[Path]]:
-    """table.md, trials.csv and answers.csv; the table's text and the files.
+    """table.md, trials.csv, answers.csv, recorded.csv; the table's text and the files.
 
     Raises:
         RunFileError: a file cannot be written.
@@ -28,11 +29,14 @@ def write_results(results: Results) -> tuple[str, list[Path]]:
     files = [results.folder / name for name in SUMMARIES]
     for file, content in zip(files, contents, strict=True):
         write_text(file, content)
+    if results.recorded:
+        files.append(results.folder / "recorded.csv")
+        write_text(files[-1], outcomes_csv([each.outcome for each in results.recorded]))
     return text, files
 
 
 def write_figures(results: Results) -> Path:
-    """Fig. 4, the groups with each controller, and Figs. 6 and 7 of each task; their folder.
+    """Fig. 4, groups, spectra of the hands, and Figs. 6 and 7 of each task; their folder.
 
     Raises:
         RunFileError: a file cannot be written.
@@ -51,6 +55,8 @@ def write_figures(results: Results) -> Path:
         drawn[f"{stem}_fig6_errors"] = figures.trial_figure(each.record)
         made = Scenario.from_json(scenario)
         drawn[f"{stem}_fig7_trajectory"] = figures.trajectory_figure(made, each.record)
+    if compared := compare_asked(asked_of(results)):
+        drawn["hands"] = compared[1]
     for name, figure in drawn.items():
         plots.save_figure(figure, folder / name, endings=(".png",))
     return folder

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ from rcmqp.experiments.batch import Progress
 from rcmqp.experiments.study.outcome import Outcome, sum_up, task_of
 from rcmqp.experiments.study.perform import Performed, perform
 from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.replay import replay
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.experiments.trial.design import Design
-from rcmqp.experiments.trial.people import Folder
+from rcmqp.experiments.trial.people import Folder, Person
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.run import Run
 
@@ -54,15 +55,19 @@ class Results:
     Attributes:
         design: of the study.
         folder: of the study.
+        people: who has answered the questions before.
         ended: tasks that people have ended, one participant after the other.
         simulated: operators of the model at the same task; None without any.
+        recorded: replays of recorded hands.
         remarks: which tasks do not count, and why.
     """
 
     design: Design
     folder: Path
+    people: list[Person]
     ended: list[Ended]
     simulated: Performed | None
+    recorded: list[TrialFile]
     remarks: list[str]
 
     @property
@@ -75,15 +80,17 @@ def read_results(
     folder: Path,
     *,
     operators: int = 0,
+    hands: Sequence[Path] = (),
     seed: int = 0,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> Results:
-    """Read what people did, and let simulated operators do the same.
+    """Read what people did; let simulated operators do the same, and recorded hands be replayed.
 
     Args:
         folder: that ``rcmqp trial`` filled.
         operators: how many simulated people, with the same controllers.
+        hands: CSV files of recorded hands, see replay().
         seed: of the simulated people.
         jobs: processes for them.
         progress: see perform().
@@ -94,10 +101,11 @@ def read_results(
         RunFileError: a participant's file is damaged.
     """
     design, kept = Design.load(folder), Folder(folder)
-    ended, remarks = [], []
+    ended, remarks, people = [], [], []
     for name in kept.identifiers():
         person = kept.person(name)
         assert person is not None
+        people.append(person)
         for number in range(1, 1 + len(design.laws)):
             notes = kept.notes(name, number)
             if notes is None or notes.get("finished") is None:
@@ -112,9 +120,16 @@ def read_results(
         raise OptionError(
             f"{folder} has no task that counts yet{why}; rcmqp trial --out {folder} goes on"
         )
-    return Results(
-        design, folder, ended, _simulate(design, folder, operators, seed, jobs, progress), remarks
-    )
+    simulated = _simulate(design, folder, operators, seed, jobs, progress)
+    recorded = []
+    if hands:
+        design.check_unchanged()
+        base = (
+            (law, load_scenario(design.scenario, design.arm or None, period=law.period))
+            for law in design.laws
+        )
+        recorded = replay(hands, list(base), folder, scale=design.scale)
+    return Results(design, folder, people, ended, simulated, recorded, remarks)
 
 
 def _ended(file: Path, name: str, group: str, notes: Mapping[str, Any]) -> Ended:
@@ -135,7 +150,7 @@ def _simulate(
 ) -> Performed | None:
     if not operators:
         return None
-    design.check_scenario()
+    design.check_unchanged()
     own = task_of(load_scenario(design.scenario, design.arm or None))
     for name in ("places", "spheres", "obstacle", "tolerance"):
         if getattr(own, name) != getattr(design.task, name):
