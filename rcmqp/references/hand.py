@@ -173,9 +173,13 @@ class ImageHand:
 
         d alpha = s x / (d cos(beta)),   d beta = -s y / d,   d t_z = s z,
 
-    so that the tip moves s times as far as the hand, in the hand's direction in the picture. For
-    a camera that looks to the side, inwards is its direction of view, not the shaft's. The
+    so that the tip moves s times as far as the hand, in the hand's direction in the picture. The
     handle's roll turns the shaft.
+
+    For a camera that looks to the side, inwards is its direction of view, not the shaft's. In a
+    view that is tilted, d alpha alone spins the shaft by -sin(beta) d alpha, which sweeps such a
+    camera sideways. So d gamma = sin(beta) d alpha is added for it: a drag does not spin the
+    shaft. The price is that a way around a wide circle ends with a picture that is rolled.
 
     Attributes:
         view: what the hand asks for.
@@ -200,6 +204,7 @@ class ImageHand:
         leaning = math.acos(max(-1.0, min(1.0, x * a + y * b + z * c)))
         self.view = ViewCommand()
         self._turn = instrument.camera.rotation
+        self._looks_aside = instrument.camera.angle > 0.0
         self._scale, self._tip_depth, self._clutch = scale, insertion.tip_depth, Clutch()
         self._flattest = math.cos(max(0.0, min(trocar.cone_half_angle - leaning, STEEPEST)))
         self._depths = (
@@ -223,6 +228,8 @@ class ImageHand:
             beta = view.beta - y / depth
             if math.cos(alpha) * math.cos(beta) < self._flattest or abs(beta) > STEEPEST:
                 alpha, beta = view.alpha, view.beta
+            elif self._looks_aside:
+                turn += math.sin(0.5 * (view.beta + beta)) * (alpha - view.alpha)
             low, high = self._depths
             deep = min(max(depth + inwards, low), max(depth, high))
             self.view = ViewCommand(alpha, beta, view.gamma + turn, deep - self._tip_depth)
