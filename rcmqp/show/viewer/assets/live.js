@@ -243,6 +243,7 @@ requestAnimationFrame(draw);
 window.rcmqp = {
   get newest() { return newest; },
   get steers() { return page.steers; },
+  get told() { return link.number; },
   get way() { return hand.way; },
   get clock() { return link.ahead; },
   /** Spheres as the picture shows them now, and as the task's pictures do: see sight(). */
