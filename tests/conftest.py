@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 SLOW = """
 approach at_rest baselines behaviour benchmarks cli compare contour damaged dampers
 doc_tables dual_quaternion_controller dual_quaternion_options experiment_a experiment_b
-governor hands hostile image_upright joint_limits learning loopback operator_hands
-operators package plugins promises qp_oracle readme report reproduce run_file safe_stop
-simulate stress study study_tables task_reconstruction untrusted vfi_qp viewer
-viewer_capture viewer_odd viewer_page viewer_picture viewer_shapes watchdog
+governor hands hostile image_upright joint_limits learning live_console live_devices
+live_failures loopback operator_hands operators package plugins promises qp_oracle
+readme report reproduce run_file safe_stop simulate stress study study_tables
+task_reconstruction untrusted vfi_qp viewer viewer_capture viewer_odd viewer_page
+viewer_picture viewer_shapes watchdog
 """
 """Files test_*.py that `make test-fast` leaves out: browsers, studies, many runs, processes."""
 

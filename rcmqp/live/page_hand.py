@@ -52,7 +52,7 @@ class PageHand:
             else:
                 engaged, self._grip = self._grip == grip, grip  # the first reading is the origin
         x, y, z, roll = hand.way
-        return DeviceState((x, y, z), engaged=engaged, roll=roll)
+        return DeviceState((x, y, z), engaged=engaged, roll=roll, felt=hand.felt)
 
     def _end(self, grip: tuple[int, int]) -> None:
         """Never follow this grip again, or one from before."""

@@ -138,6 +138,7 @@ class Session:
             "depth": [float(insertion_depth(state.x, pivot, insertion.tip_depth))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,
+            "viscosity": self.steering.viscosity,
             "reached": self.goals.reached,
         }
         if self._cycle // self._every % 60 == 0:

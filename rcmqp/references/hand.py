@@ -30,6 +30,7 @@ class DeviceState:
         velocity: (3,) [m/s].
         engaged: whether the handle drives the camera; without, the camera stays.
         roll: of the handle about z [rad], counted from anywhere; positive is clockwise.
+        felt: whether the device renders the viscosity as a force; otherwise it is emulated.
 
     Raises:
         InvalidCommand: a number is not finite.
@@ -39,6 +40,7 @@ class DeviceState:
     velocity: Vector3 = (0.0, 0.0, 0.0)
     engaged: bool = True
     roll: float = 0.0
+    felt: bool = False
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.position, *self.velocity, self.roll))):
@@ -255,9 +257,11 @@ class Viscous:
     A hand that pulls with stiffness K at a handle in a fluid of viscosity B moves it by
     B x_dot = K (x_hand - x): a first-order filter with the time constant tau = B / K. Each
     coordinate of the view follows the one asked for in this way, its rate and its acceleration
-    limited; the rate follows with tau / 4, so that nothing overshoots.
+    limited; the rate follows with tau / 4, so that nothing overshoots. For a device that renders
+    the viscosity, tau is that of B = 0.
 
     Attributes:
+        viscosity: B [N s/m].
         view: now, with its rates.
     """
 
@@ -273,12 +277,17 @@ class Viscous:
         """
         if not 0.0 <= viscosity < math.inf:
             raise OptionError(f"viscosity = {viscosity} N s/m, it must be finite and 0 or more")
-        self.view = ViewCommand()
+        self.view, self.viscosity = ViewCommand(), viscosity
         self._period, self._tau = period, max(viscosity / STIFFNESS, QUICKEST)
 
-    def step(self, asked: ViewCommand) -> ViewCommand:
-        """The view one period on, on the way to the one asked for."""
-        view, tau = self.view, self._tau
+    def step(self, asked: ViewCommand, *, felt: bool = False) -> ViewCommand:
+        """The view one period on, on the way to the one asked for.
+
+        Args:
+            asked: the view that the hand asks for.
+            felt: whether the device renders the viscosity itself.
+        """
+        view, tau = self.view, QUICKEST if felt else self._tau
         away = (
             asked.alpha - view.alpha,
             asked.beta - view.beta,

@@ -5,9 +5,12 @@ import { unpacked } from "./packed.js";
 import { query } from "./elements.js";
 import { depth } from "./format.js";
 import { Hand } from "./hands.js";
+import { Haply } from "./haply.js";
+import { Headset } from "./headset.js";
 import { Link } from "./link.js";
 import { readRecording } from "./recording.js";
 import { LiveSource } from "./sources.js";
+import { SpaceMouse } from "./spacemouse.js";
 import { Stage } from "./stage.js";
 import { Task, sight } from "./task.js";
 
@@ -49,6 +52,7 @@ const link = new Link({
   },
   role(steers) {
     Object.assign(page, { steers, free: false });
+    hand.release(); // what was held meanwhile has to be pressed anew
     write();
   },
   free() {
@@ -68,6 +72,9 @@ const link = new Link({
 });
 
 const task = orders && new Task(orders, stage, link);
+const spaceMouse = new SpaceMouse(hand, changed);
+const haply = new Haply(hand, { changed, viscosity: () => newest?.viscosity ?? 0, said: tellOfDevice });
+const headset = new Headset(hand, { changed, released: release, draw, picture: stage.scope.domElement });
 
 /** Tell the server of the hand now, and that it has let go without fail. */
 function tell() {
@@ -178,7 +185,10 @@ setInterval(() => {
   const now = performance.now();
   const passed = Math.min(0.1, (now - last) / 1000);
   last = now;
-  if (page.steers && !page.ended) hand.read(navigator.getGamepads().find(Boolean) ?? null, passed, now);
+  hand.read(navigator.getGamepads().find(Boolean) ?? null, passed, now);
+  spaceMouse.tick(passed, now);
+  haply.tick(now);
+  if (!page.steers || page.ended) hand.release();
   hand.tick(passed, now);
   if (now - page.told >= EVERY - 1) tell();
 }, EVERY);
@@ -212,9 +222,47 @@ query(document, "#show").addEventListener("click", () => showScene(query(documen
 query(document, "#take").addEventListener("click", () => link.take());
 for (const button of document.querySelectorAll("button")) button.addEventListener("click", () => button.blur());
 
+/** What to say of a device. @param {string} words */
+function tellOfDevice(words) {
+  query(document, "#device").textContent = words;
+}
+
+/**
+ * A button that connects a device, shown where the browser can.
+ *
+ * @param {string} id
+ * @param {boolean} can
+ * @param {() => Promise<void> | void} connect
+ */
+function offer(id, can, connect) {
+  const button = query(document, `#${id}`);
+  button.hidden = !can;
+  button.addEventListener("click", async () => {
+    tellOfDevice("");
+    try {
+      await connect();
+    } catch (error) {
+      tellOfDevice(error instanceof Error ? error.message : String(error));
+    }
+  });
+}
+
+const { hid, xr } = /** @type {{hid?: import("./spacemouse.js").Hid, xr?: import("./headset.js").Xr}} */ (/** @type {unknown} */ (navigator));
+offer("spacemouse", hid !== undefined, () => hid && spaceMouse.connect(hid));
+offer("haply", matchMedia("(hover: hover)").matches, () => haply.connect());
+offer("headset", false, () => xr && headset.toggle(xr));
+if (hid) void spaceMouse.resume(hid);
+haply.resume();
+if (xr) void xr.isSessionSupported("immersive-vr").then((can) => (query(document, "#headset").hidden = !can), () => {});
+
+/** @param {number} now [ms] */
+function loop(now) {
+  requestAnimationFrame(loop);
+  draw(now);
+}
+
 /** Draw the newest state, if the arm has moved. @param {number} now [ms] */
 function draw(now) {
-  requestAnimationFrame(draw);
   if (now - drawn.wrote > READ) {
     drawn.wrote = now;
     write();
@@ -238,12 +286,13 @@ stage.seek(source.newest);
 task?.draw();
 query(document, "#wait").remove();
 write();
-requestAnimationFrame(draw);
+requestAnimationFrame(loop);
 
 window.rcmqp = {
   get newest() { return newest; },
   get steers() { return page.steers; },
   get told() { return link.number; },
+  get held() { return hand.held; },
   get way() { return hand.way; },
   get clock() { return link.ahead; },
   /** Spheres as the picture shows them now, and as the task's pictures do: see sight(). */
