@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -30,6 +31,9 @@ from rcmqp.cli import main
 from rcmqp.live.steering import RELEASED
 from rcmqp.show.viewer.browser import PATIENCE, browser
 from rcmqp.show.viewer.build import write_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import WebSocketRoute
 
 
 def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
@@ -145,6 +149,39 @@ def test_a_page_steers_and_when_it_is_closed_in_mid_motion_the_arm_rests(tmp_pat
     assert rest - let_go < 300
     assert not run.v[rest:].any()
     write_page([run], tmp_path / "page.html")
+
+
+def test_a_page_says_that_it_is_over_and_whether_the_connection_was_lost() -> None:
+    """What a server of a trial says last, put in between by a stand-in."""
+    with served("live", "--arm", ARM) as (_, address), browser() as chromium:
+        for last, said in ((False, "The connection is lost"), (True, "Thank you, that is all.")):
+            window = chromium.new_context(viewport={"width": 320, "height": 400})
+            sockets: list[WebSocketRoute] = []
+
+            def between(ws: WebSocketRoute, sockets: list[WebSocketRoute] = sockets) -> None:
+                ws.connect_to_server()
+                sockets.append(ws)
+
+            window.route_web_socket("**/hand*", between)
+            page, errors = opened(window, address)
+            for text in ("Please wait.", "Thank you, that is all."):
+                words = {"kind": "over", "title": "Done <b>", "text": text, "last": last}
+                sockets[0].send(json.dumps(words))
+                page.wait_for_function(
+                    "text => document.querySelector('#over p')?.textContent === text",
+                    arg=text,
+                    timeout=1e3 * PATIENCE,
+                )
+            assert page.locator("#over").count() == 1
+            assert page.locator("#over h1").text_content() == "Done <b>"  # not HTML
+            box = page.locator("#over").bounding_box()
+            assert box is not None
+            assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 320, 400)
+            sockets[0].close()
+            time.sleep(0.5)
+            assert (page.locator("#over p").text_content() or "").startswith(said)
+            assert errors == []
+            window.close()
 
 
 def test_without_the_extra_it_says_what_to_install(

@@ -205,7 +205,7 @@ def test_others_that_meddle_are_refused_and_counted_and_the_operator_steers_on(
     tmp_path: Path,
 ) -> None:
     """A second operator, another origin, a wrong token, and a flood of malformed messages."""
-    file = tmp_path / "run.h5"
+    file, pings = tmp_path / "run.h5", []
 
     async def meddle(uri: str, options: dict[str, Any]) -> None:
         wrong = [(uri + "x", options), (uri, {"origin": websockets.Origin("http://evil.example")})]
@@ -218,14 +218,22 @@ def test_others_that_meddle_are_refused_and_counted_and_the_operator_steers_on(
             await page.send(hand(1, 1, 0.05))
             for k in range(MALFORMED):
                 await page.send('{"kind": "hand", "number": ' + str(k))
+                if k % 5000 == 4999:
+                    await heard(page)
+
+    async def heard(page: websockets.ClientConnection) -> None:
+        """Wait until the server has heard all; it drops pings after a flood, too."""
+        while True:
+            await asyncio.sleep(1.1)
             await page.send('{"kind": "ping", "at": 1, "drawn": []}')
-            await asyncio.sleep(1.1)  # or it is one too many
-            await page.send('{"kind": "ping", "at": 2, "drawn": []}')
-            async for text in page:  # all was heard
-                said = json.loads(text)
-                assert said["kind"] != "role" or not said["steers"]
-                if said["kind"] == "pong" and said["at"] == 2:
-                    return
+            pings.append(1)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    async for text in page:
+                        said = json.loads(text)
+                        assert said["kind"] != "role" or not said["steers"]
+                        if said["kind"] == "pong":
+                            return
 
     def hand(number: int, grip: int, x: float) -> str:
         now = time.monotonic()
@@ -257,9 +265,8 @@ def test_others_that_meddle_are_refused_and_counted_and_the_operator_steers_on(
     came_to_rest_as_it_must(file, moved=1e-3)
     dropped = counted(report, "- dropped, as they were malformed")
     assert dropped > 0
-    assert dropped + counted(report, "- dropped, as they were too many") in range(
-        MALFORMED, MALFORMED + 2
-    )
+    too_many = counted(report, "- dropped, as they were too many")
+    assert MALFORMED <= dropped + too_many <= MALFORMED + len(pings)
     assert counted(report, "- dropped, as somebody else steers") == 1
     assert counted(report, "connections refused: another origin") == 1
     assert counted(report, "requests refused: wrong token") == 1
