@@ -32,7 +32,7 @@ def console() -> Iterator[tuple[Any, str]]:
 def steering(console: tuple[Any, str], *scripts: str, **options: Any) -> Page:
     """A page that steers, with scripts that come before its own."""
     chromium, address = console
-    window = chromium.new_context(viewport={"width": 320, "height": 400}, **options)
+    window = chromium.new_context(viewport={"width": 240, "height": 320}, **options)
     for script in scripts:
         window.add_init_script(script)
     page, _ = opened(window, address)
@@ -55,7 +55,8 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
     install = "window.device = new IWER.XRDevice(IWER.metaQuest3);"
     install += "device.installRuntime({forceInstall: true});"
     page = steering(console, IWER.read_text(encoding="utf-8") + install)
-    page.locator("#headset").click()
+    until(lambda: page.locator("#headset").is_visible(), "the button of the headset")
+    page.evaluate("document.querySelector('#headset').click()")
     until(lambda: page.evaluate("device.activeSession !== undefined"), "the headset's picture")
     before = tip(page)
     point = (before - np.array([0.0, 0.0, 0.05])).tolist()
@@ -74,15 +75,18 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
         page.evaluate(f"device.controllers.right.updateButtonValue('trigger', {value})")
 
     def followed() -> bool:
+        """Hold and go to the right, until the arm has followed or a silence has ended the grip."""
         at(0.0, 0.0, 0.0)
         time.sleep(0.2)
         trigger(1)
-        for k in range(20):
-            at(0.002 * k, 0.0, 0.0)
+        moved = False
+        for k in range(100):
+            at(0.0005 * k, 0.0, 0.0)
+            moved = bool(np.linalg.norm(tip(page) - before) > 2e-5)
+            if moved or page.evaluate("rcmqp.said").startswith("stopped"):
+                break
             time.sleep(0.02)
-        moved = bool(np.linalg.norm(tip(page) - before) > 5e-3)
         trigger(0)
-        time.sleep(0.2)
         return moved
 
     until(followed, "the arm to follow the controller")

@@ -19,8 +19,9 @@ const FORWARD = [0, 0, -1];
 export class Headset {
   /**
    * @param {import("./hands.js").Hand} hand
-   * @param {{changed: () => void, released: () => void, draw: (now: number) => void, picture: HTMLCanvasElement}} page
+   * @param {{changed: () => void, released: () => void, draw: (now: number) => number, picture: HTMLCanvasElement}} page
    *   changed() after each input, released() when the picture is not seen any more, draw() makes the picture
+   *   and says how many were made
    */
   constructor(hand, page) {
     this.hand = hand;
@@ -35,7 +36,7 @@ export class Headset {
   async toggle(xr) {
     if (this.session) return void (await this.session.end());
     const session = (this.session = await xr.requestSession("immersive-vr"));
-    const renderer = new THREE.WebGLRenderer({ antialias: true });
+    const renderer = new THREE.WebGLRenderer({ antialias: false });
     renderer.xr.enabled = true;
     renderer.xr.setReferenceSpaceType("local");
     const texture = new THREE.CanvasTexture(this.page.picture);
@@ -44,6 +45,7 @@ export class Headset {
     picture.position.z = -AWAY;
     const [scene, camera] = [new THREE.Scene(), new THREE.PerspectiveCamera()];
     scene.add(picture);
+    let drawn = -1;
     session.addEventListener("visibilitychange", () => {
       if (session.visibilityState !== "visible") this.release();
     });
@@ -56,8 +58,9 @@ export class Headset {
     renderer.setAnimationLoop((/** @type {number} */ now, /** @type {any} */ frame) => {
       const base = renderer.xr.getReferenceSpace();
       if (frame && base) this.read([...session.inputSources], (space) => frame.getPose(space, base), performance.now());
-      this.page.draw(now);
-      texture.needsUpdate = true;
+      const draws = this.page.draw(now);
+      if (draws !== drawn) texture.needsUpdate = true;
+      drawn = draws;
       renderer.render(scene, camera);
     });
     await renderer.xr.setSession(/** @type {any} */ (session));

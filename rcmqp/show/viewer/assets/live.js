@@ -33,7 +33,7 @@ source.push(-1, first.source.at(0)); // the arm before the loop begins
 const picture = query(document, "#scope");
 const stage = new Stage(query(document, "#scene"), picture, { scene, arm, runs: [{ ...first, source }] });
 const hand = new Hand();
-const page = { steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false };
+const page = { steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false, held: false };
 /** @type {import("./link.js").Live | null} */
 let newest = null;
 let drawn = { time: -1, at: 0, wrote: 0, angles: first.source.at(0).angles };
@@ -88,7 +88,7 @@ function tell() {
 /** After an input: at once, but for one that follows on the last message. */
 function changed() {
   if (performance.now() - page.told >= LEAST || !hand.held) tell();
-  write();
+  if (hand.held !== page.held) write(); // the rest is written with the next picture
 }
 
 function release() {
@@ -116,7 +116,7 @@ function writeLatency({ input, state }) {
 
 /** What the operator has to know, and the errors. */
 function write() {
-  const held = hand.held;
+  const held = (page.held = hand.held);
   if (!held) page.silent = false;
   /** @type {[string, string]} */
   const said =
@@ -261,13 +261,13 @@ function loop(now) {
   draw(now);
 }
 
-/** Draw the newest state, if the arm has moved. @param {number} now [ms] */
+/** Draw the newest state, if the arm has moved. @param {number} now [ms] @returns {number} how many were drawn */
 function draw(now) {
   if (now - drawn.wrote > READ) {
     drawn.wrote = now;
     write();
   }
-  if (page.light && now - drawn.at < LIGHT) return;
+  if (page.light && now - drawn.at < LIGHT) return stage.draws;
   const { angles } = drawn;
   if (newest && newest.time !== drawn.time && Array.from(newest.angles).some((angle, i) => Math.abs(angle - angles[i]) > AT_REST)) {
     drawn = { ...drawn, time: newest.time, at: now, angles: newest.angles };
@@ -276,6 +276,7 @@ function draw(now) {
     ages.push(link.saw(newest));
     if (ages.length > AGES) ages.shift();
   } else stage.render();
+  return stage.draws;
 }
 
 stage.paint();
