@@ -32,7 +32,7 @@ from rcmqp.show.viewer.browser import PATIENCE, browser
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-PROMISES = {
+PROMISES: dict[str, Callable[[float], bool]] = {
     "largest RCM error [mm]": lambda x: x <= 0.01,
     "largest speed, acceleration or jerk over its limit": lambda x: x <= 1.0 + SLACK,
     "messages unaccounted for on the way to the server": lambda x: x == 0,
@@ -158,6 +158,8 @@ def fuzz(minutes: float, seed: int, file: Path) -> tuple[str, int, list[str], fl
             page.goto(address)
             page.wait_for_function("window.rcmqp?.steers", timeout=1e3 * PATIENCE)
             fuzzer, loads = Fuzzer(page, seed), []
+            fuzzer.press()
+            fuzzer.glide()
             end = time.monotonic() + 60.0 * minutes
             while time.monotonic() < end:
                 fuzzer.act()

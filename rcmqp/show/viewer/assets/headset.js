@@ -16,12 +16,18 @@ const FORWARD = [0, 0, -1];
 /** @typedef {EventTarget & {inputSources: Iterable<Source>, visibilityState: string, end(): Promise<void>}} Session */
 /** @typedef {{isSessionSupported(mode: string): Promise<boolean>, requestSession(mode: string): Promise<Session>}} Xr */
 
+/**
+ * @typedef {object} Seen
+ * @property {() => void} changed is called after each input
+ * @property {() => void} released is called when the picture is not seen any more
+ * @property {(now: number) => number} draw makes the picture, and says how many were made
+ * @property {HTMLCanvasElement} picture
+ */
+
 export class Headset {
   /**
    * @param {import("./hands.js").Hand} hand
-   * @param {{changed: () => void, released: () => void, draw: (now: number) => number, picture: HTMLCanvasElement}} page
-   *   changed() after each input, released() when the picture is not seen any more, draw() makes the picture
-   *   and says how many were made
+   * @param {Seen} page
    */
   constructor(hand, page) {
     this.hand = hand;

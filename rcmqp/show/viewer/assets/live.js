@@ -2,15 +2,13 @@
 
 import "./failures.js";
 import { unpacked } from "./packed.js";
+import { Devices } from "./devices.js";
 import { query } from "./elements.js";
 import { depth } from "./format.js";
 import { Hand } from "./hands.js";
-import { Haply } from "./haply.js";
-import { Headset } from "./headset.js";
 import { Link } from "./link.js";
 import { readRecording } from "./recording.js";
 import { LiveSource } from "./sources.js";
-import { SpaceMouse } from "./spacemouse.js";
 import { Stage } from "./stage.js";
 import { Task, sight } from "./task.js";
 
@@ -72,9 +70,9 @@ const link = new Link({
 });
 
 const task = orders && new Task(orders, stage, link);
-const spaceMouse = new SpaceMouse(hand, changed);
-const haply = new Haply(hand, { changed, viscosity: () => newest?.viscosity ?? 0, said: tellOfDevice });
-const headset = new Headset(hand, { changed, released: release, draw, picture: stage.scope.domElement });
+const devices = new Devices(hand, {
+  changed, released: release, draw, picture: stage.scope.domElement, viscosity: () => newest?.viscosity ?? 0,
+});
 
 /** Tell the server of the hand now, and that it has let go without fail. */
 function tell() {
@@ -185,9 +183,7 @@ setInterval(() => {
   const now = performance.now();
   const passed = Math.min(0.1, (now - last) / 1000);
   last = now;
-  hand.read(navigator.getGamepads().find(Boolean) ?? null, passed, now);
-  spaceMouse.tick(passed, now);
-  haply.tick(now);
+  devices.tick(passed, now);
   if (!page.steers || page.ended) hand.release();
   hand.tick(passed, now);
   if (now - page.told >= EVERY - 1) tell();
@@ -221,39 +217,6 @@ query(document, "#light").addEventListener("click", () => light(!page.light));
 query(document, "#show").addEventListener("click", () => showScene(query(document, "#scene").hidden !== false));
 query(document, "#take").addEventListener("click", () => link.take());
 for (const button of document.querySelectorAll("button")) button.addEventListener("click", () => button.blur());
-
-/** What to say of a device. @param {string} words */
-function tellOfDevice(words) {
-  query(document, "#device").textContent = words;
-}
-
-/**
- * A button that connects a device, shown where the browser can.
- *
- * @param {string} id
- * @param {boolean} can
- * @param {() => Promise<void> | void} connect
- */
-function offer(id, can, connect) {
-  const button = query(document, `#${id}`);
-  button.hidden = !can;
-  button.addEventListener("click", async () => {
-    tellOfDevice("");
-    try {
-      await connect();
-    } catch (error) {
-      tellOfDevice(error instanceof Error ? error.message : String(error));
-    }
-  });
-}
-
-const { hid, xr } = /** @type {{hid?: import("./spacemouse.js").Hid, xr?: import("./headset.js").Xr}} */ (/** @type {unknown} */ (navigator));
-offer("spacemouse", hid !== undefined, () => hid && spaceMouse.connect(hid));
-offer("haply", matchMedia("(hover: hover)").matches, () => haply.connect());
-offer("headset", false, () => xr && headset.toggle(xr));
-if (hid) void spaceMouse.resume(hid);
-haply.resume();
-if (xr) void xr.isSessionSupported("immersive-vr").then((can) => (query(document, "#headset").hidden = !can), () => {});
 
 /** @param {number} now [ms] */
 function loop(now) {
