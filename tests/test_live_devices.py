@@ -58,9 +58,6 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
     until(lambda: page.locator("#headset").is_visible(), "the button of the headset")
     page.evaluate("document.querySelector('#headset').click()")
     until(lambda: page.evaluate("device.activeSession !== undefined"), "the headset's picture")
-    before = tip(page)
-    point = (before - np.array([0.0, 0.0, 0.05])).tolist()
-    there = page.evaluate("point => rcmqp.seen(point)", point)
 
     def at(x: float, y: float, z: float, roll: float = 0.0) -> None:
         page.evaluate(
@@ -73,6 +70,25 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
 
     def trigger(value: int) -> None:
         page.evaluate(f"device.controllers.right.updateButtonValue('trigger', {value})")
+
+    start = np.array(page.evaluate("rcmqp.way"))
+    at(0.05, -0.02, 0.0, roll=0.5)  # let go: it does not count
+    time.sleep(0.3)
+    trigger(1)
+    until(lambda: page.evaluate("rcmqp.held"), "the grip")
+    time.sleep(0.3)
+    np.testing.assert_allclose(page.evaluate("rcmqp.way"), start, rtol=0, atol=1e-6)
+    at(0.06, -0.05, -0.03, roll=0.5)
+    went = [0.01, 0.03, 0.03, 0.0]  # to the right, down and in
+    until(lambda: np.allclose(page.evaluate("rcmqp.way") - start, went, atol=1e-5), "the way")
+    at(0.06, -0.05, -0.03, roll=0.9)  # clockwise, about an axis that is not the grip's
+    until(lambda: abs(page.evaluate("rcmqp.way[3]") - start[3] - 0.4) < 1e-5, "the roll")
+    trigger(0)
+
+    until(lambda: not page.evaluate("rcmqp.held") and at_rest(page), "the arm to rest")
+    before = tip(page)
+    point = (before - np.array([0.0, 0.0, 0.05])).tolist()
+    there = page.evaluate("point => rcmqp.seen(point)", point)
 
     def followed() -> bool:
         """Hold and go to the right, until the arm has followed or a silence has ended the grip."""
@@ -94,16 +110,8 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
     moved = np.subtract(page.evaluate("point => rcmqp.seen(point)", point), there)
     assert moved[0] < 0.0  # right is right: the content went to the left
 
-    start = np.array(page.evaluate("rcmqp.way"))
-    at(0.05, -0.02, 0.0, roll=0.5)  # let go: it does not count
-    time.sleep(0.3)
     trigger(1)
     until(lambda: page.evaluate("rcmqp.held"), "the grip")
-    time.sleep(0.3)
-    np.testing.assert_allclose(page.evaluate("rcmqp.way"), start, rtol=0, atol=1e-6)
-    at(0.06, -0.05, -0.03, roll=0.9)  # to the right, down, in, and clockwise
-    went = [0.01, 0.03, 0.03, 0.4]
-    until(lambda: np.allclose(page.evaluate("rcmqp.way") - start, went, atol=1e-5), "all axes")
     page.evaluate("device.activeSession.end()")
     until(lambda: not page.evaluate("rcmqp.held"), "to let go as the picture is gone")
     until(lambda: at_rest(page), "the arm to rest")
