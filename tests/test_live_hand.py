@@ -145,14 +145,14 @@ def test_small_motions_lag_by_the_time_constant() -> None:
 
 @dataclass
 class Haptic:
-    """A device that takes forces; the hand pulls it at 2 cm/s."""
+    """A device that takes forces; the hand pulls it at 5 mm/s."""
 
     forces: list[tuple[float, float, float]] = field(default_factory=list)
     x: float = 0.0
 
     def __call__(self) -> DeviceState:
-        self.x += 2e-5
-        return DeviceState((self.x, 0.0, 0.0), (0.02, 0.0, 0.0))
+        self.x += 5e-6
+        return DeviceState((self.x, 0.0, 0.0), (0.005, 0.0, 0.0))
 
     def send_force(self, force: tuple[float, float, float]) -> None:
         self.forces.append(force)
@@ -167,8 +167,8 @@ def test_a_device_that_takes_forces_renders_the_viscosity_and_is_not_filtered_to
         for k in range(300):
             tip = insertion.tip(steering(T * k).reference.x_d)
         moved = float(np.linalg.norm(tip - insertion.tip(insertion.x_rcm)))
-        lags.append(300 * 2e-5 - moved)
-    assert haptic.forces == [(-0.7, -0.0, -0.0)] * 300
+        lags.append(300 * 5e-6 - moved)
+    assert_allclose(haptic.forces, np.tile([-0.175, 0.0, 0.0], (300, 1)), rtol=1e-12, atol=0)
     assert lags[0] < 0.6 * lags[1]
 
 
