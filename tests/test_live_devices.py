@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 IWER = Path(__file__).parent.parent / "node_modules" / "iwer" / "build" / "iwer.min.js"
 """An emulated headset."""
 
+BLIND = """() => {
+  for (const { prototype } of [WebGLRenderingContext, WebGL2RenderingContext])
+    prototype.drawElements = prototype.drawArrays = () => {};
+}"""
+"""Nothing is drawn from now on: without a graphics card two eyes and a picture take too long."""
+
 
 @pytest.fixture(scope="module")
 def console() -> Iterator[tuple[Any, str]]:
@@ -56,6 +62,7 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
     install += "device.installRuntime({forceInstall: true});"
     page = steering(console, IWER.read_text(encoding="utf-8") + install)
     until(lambda: page.locator("#headset").is_visible(), "the button of the headset")
+    page.evaluate(BLIND)
     page.evaluate("document.querySelector('#headset').click()")
     until(lambda: page.evaluate("device.activeSession !== undefined"), "the headset's picture")
 
