@@ -68,7 +68,8 @@ def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
             asyncio.run(drag(address, process.kill))
         until(file.exists, "the file of the session whose server was killed")
     run = came_to_rest_as_it_must(file, moved=1e-3)
-    began = min(cycles_of("asked to stop", run))
+    stopped = cycles_of("asked to stop", run) | cycles_of(RELEASED, run)
+    began = max(k for k in stopped if k - 1 not in stopped)  # on a busy machine by silence
     assert np.abs(run.v[began - 1]).max() > 1e-3  # it was moving
 
 
