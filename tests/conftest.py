@@ -16,13 +16,14 @@ if TYPE_CHECKING:
 
 
 SLOW = """
-approach at_rest baselines behaviour benchmarks carried cli cli_refusals compare compare_resumed
-contour damaged dampers doc_tables docs dual_quaternion_controller dual_quaternion_options
-experiment_a experiment_b governor hands hostile image_upright joint_limits learning
-live_console live_server live_trial loop_record loopback operator_hands operators package
-plugins promises qp_oracle readme report reproduce run_file safe_stop simulate stress study
-study_command study_tables study_trials task_reconstruction untrusted vfi_qp viewer
-viewer_capture viewer_live viewer_odd viewer_page viewer_picture viewer_shapes watchdog
+approach at_rest baselines behaviour benchmarks carried cli cli_refusals compare
+compare_resumed contour damaged dampers doc_tables docs dual_quaternion_controller
+dual_quaternion_options experiment_a experiment_b governor hands hostile image_upright
+joint_limits learning live_console live_devices live_failures live_server live_trial
+loop_record loopback operator_hands operators package plugins promises qp_oracle readme report
+reproduce run_file safe_stop simulate stress study study_command study_tables study_trials
+task_reconstruction untrusted vfi_qp viewer viewer_capture viewer_live viewer_odd viewer_page
+viewer_picture viewer_shapes watchdog
 """
 """Files test_*.py that `make test-fast` leaves out: browsers, studies, many runs, processes."""
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from at_the_device import QUICK, T
 from helpers import assert_allclose
@@ -90,18 +91,43 @@ def test_a_drag_moves_the_content_of_the_picture_the_other_way(
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_after_a_roll_of_the_handle_and_elsewhere_right_is_still_right(angle: float) -> None:
-    """The live hand; the view is tilted by some ten degrees, and rolled by the handle."""
-    for roll in ROLLS:
+@pytest.mark.parametrize("tilted", [(0.015, -0.01), (0.05, 0.04), (-0.04, 0.05)])
+def test_after_a_roll_of_the_handle_and_elsewhere_right_is_still_right(
+    angle: float, tilted: tuple[float, float]
+) -> None:
+    """The live hand; the view is tilted by up to thirty degrees, and rolled by the handle."""
+    x, y = tilted
+    for roll, away, to in itertools.product(
+        ROLLS, (0.03, 0.1), ((1.0, 0.0), (0.0, 1.0), (0.6, 0.8))
+    ):
         there = insertion(angle, math.radians(20.0))
         hand = ImageHand(there)
         hand.ask(DeviceState((0.0, 0.0, 0.0)))
-        before = hand.ask(DeviceState((0.015, -0.01, 0.01), roll=roll))
-        assert abs(before.gamma - roll) < 1e-12
-        point = content(there, before, 0.06)
-        after = hand.ask(DeviceState((0.015 + DRAG, -0.01, 0.01), roll=roll))
+        for share in np.linspace(0.0, 1.0, 8):  # a step that leads out of the cone is not taken
+            before = hand.ask(DeviceState((share * x, share * y, 0.0), roll=share * roll))
+        point = content(there, before, away)
+        after = hand.ask(DeviceState((x + DRAG * to[0], y + DRAG * to[1], 0.0), roll=roll))
         moved = pixels(there, after, point) - pixels(there, before, point)
-        assert abs(math.atan2(moved[1], -moved[0])) < math.radians(1.0)
+        off = math.atan2(moved[0] * to[1] - moved[1] * to[0], -float(moved @ to))
+        assert abs(off) < math.radians(1.0)
+        assert np.linalg.norm(moved) > 0.1
+
+
+def test_a_straight_scope_stays_upright_and_one_that_looks_aside_does_not_spin() -> None:
+    """On a wide circle of the hand; a spin is a turn about the shaft, from pose to pose."""
+    for angle in ANGLES:
+        there = insertion(angle, 0.0)
+        hand, spins = ImageHand(there), [0.0]
+        x = dq.to_se3(view_pose(there.x_rcm, hand.view).x_d)
+        for turn in np.linspace(0.0, 2.0 * math.pi, 2000):
+            place = (0.03 * math.sin(turn), 0.03 - 0.03 * math.cos(turn), 0.0)
+            view = hand.ask(DeviceState(place))
+            before, x = x, dq.to_se3(view_pose(there.x_rcm, view).x_d)
+            spins.append(pin.log3(before.rotation.T @ x.rotation)[2])
+        if angle:
+            assert max(map(abs, spins)) < 1e-7
+        else:
+            assert view.gamma == 0.0
 
 
 @pytest.mark.parametrize(

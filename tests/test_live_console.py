@@ -10,56 +10,30 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 import websockets
+from at_the_console import (
+    ARM,
+    at_rest,
+    came_to_rest_as_it_must,
+    cycles_of,
+    drag,
+    opened,
+    tip,
+    until,
+)
 from served import served
 
-import rcmqp
-from rcmqp import Run, compute_metrics
 from rcmqp.cli import main
 from rcmqp.live.steering import RELEASED
-from rcmqp.realtime.checks import SLACK
 from rcmqp.show.viewer.browser import PATIENCE, browser
 from rcmqp.show.viewer.build import write_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
-
-ARM = "panda"
-
-
-def until(true: Callable[[], Any], what: str) -> Any:
-    """Wait, on a machine that may be busy."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if found := true():
-            return found
-        time.sleep(0.05)
-    pytest.fail(f"waited for {PATIENCE:g} s: {what}")
-
-
-def came_to_rest_as_it_must(file: Path, *, moved: float) -> Run:
-    """What was recorded: the tip moved [m], the shaft on the trocar, limits kept, then rest."""
-    run = Run.load(file)
-    arm = rcmqp.load_arm(ARM)
-    v = np.vstack([np.zeros((2, arm.nv)), run.v])
-    a = np.diff(v, axis=0) / run.period
-    assert (np.abs(run.v) <= (1.0 + SLACK) * arm.velocity).all()
-    assert (np.abs(a) <= (1.0 + SLACK) * arm.acceleration).all()
-    assert (np.abs(np.diff(a, axis=0) / run.period) <= (1.0 + SLACK) * arm.jerk).all()
-    assert run.rcm_error.max() <= 1e-5
-    assert np.linalg.norm(run.tip - run.tip[0], axis=1).max() > moved
-    assert not run.v[-1].any()
-    assert compute_metrics(run).rcm_max_mm <= 0.01
-    return run
-
-
-def cycles_of(reason: str, run: Run) -> set[int]:
-    """Cycles of the safe stops for a reason."""
-    return {k for why, cycles in run.stops.items() if reason in why for k in cycles}
+    from playwright.sync_api import WebSocketRoute
 
 
 def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
@@ -82,7 +56,7 @@ def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
                     grip = number  # a busy machine may have been silent for too long
                 number += 1
                 way = [0.05 * np.sin(2.0 * (now - began)), 0.0, 0.0, 0.0]
-                words = {"number": number, "grip": grip, "held": True, "event": now}
+                words = {"number": number, "grip": grip, "held": True, "event": now, "felt": False}
                 await page.send(json.dumps({"kind": "hand", "at": now, "way": way, **words}))
                 with contextlib.suppress(TimeoutError):
                     said = json.loads(await asyncio.wait_for(page.recv(), 0.016))
@@ -94,42 +68,9 @@ def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
             asyncio.run(drag(address, process.kill))
         until(file.exists, "the file of the session whose server was killed")
     run = came_to_rest_as_it_must(file, moved=1e-3)
-    began = min(cycles_of("asked to stop", run))
+    stopped = cycles_of("asked to stop", run) | cycles_of(RELEASED, run)
+    began = max(k for k in stopped if k - 1 not in stopped)  # on a busy machine by silence
     assert np.abs(run.v[began - 1]).max() > 1e-3  # it was moving
-
-
-def drag(page: Page, dx: float, dy: float) -> None:
-    """Press, go by (dx, dy) [px] in small steps, and let go."""
-    box = page.locator("#scope").bounding_box()
-    assert box is not None
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for k in range(1, 21):
-        page.mouse.move(x + k / 20 * dx, y + k / 20 * dy)
-        time.sleep(0.01)
-    time.sleep(0.1)
-    page.mouse.up()
-
-
-def opened(window: Any, address: str) -> tuple[Page, list[str]]:
-    page: Page = window.new_page()
-    said: list[str] = []
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.goto(address)
-    page.wait_for_selector("html[data-ready]", state="attached", timeout=1e3 * PATIENCE)
-    page.wait_for_function("rcmqp.newest && rcmqp.clock !== null", timeout=1e3 * PATIENCE)
-    return page, said
-
-
-def at_rest(page: Page) -> bool:
-    """Whether the arm rests; fails where the loop has ended, which says nothing any more."""
-    assert "ended" not in page.evaluate("rcmqp.said"), page.evaluate("rcmqp.said")
-    return not page.evaluate("rcmqp.newest.moving")
-
-
-def tip(page: Page) -> Any:
-    return np.array(page.evaluate("rcmqp.newest.tip"))
 
 
 def test_a_page_steers_and_when_it_is_closed_in_mid_motion_the_arm_rests(tmp_path: Path) -> None:
@@ -209,6 +150,39 @@ def test_a_page_steers_and_when_it_is_closed_in_mid_motion_the_arm_rests(tmp_pat
     assert rest - let_go < 300
     assert not run.v[rest:].any()
     write_page([run], tmp_path / "page.html")
+
+
+def test_a_page_says_that_it_is_over_and_whether_the_connection_was_lost() -> None:
+    """What a server of a trial says last, put in between by a stand-in."""
+    with served("live", "--arm", ARM) as (_, address), browser() as chromium:
+        for last, said in ((False, "The connection is lost"), (True, "Thank you, that is all.")):
+            window = chromium.new_context(viewport={"width": 320, "height": 400})
+            sockets: list[WebSocketRoute] = []
+
+            def between(ws: WebSocketRoute, sockets: list[WebSocketRoute] = sockets) -> None:
+                ws.connect_to_server()
+                sockets.append(ws)
+
+            window.route_web_socket("**/hand*", between)
+            page, errors = opened(window, address)
+            for text in ("Please wait.", "Thank you, that is all."):
+                words = {"kind": "over", "title": "Done <b>", "text": text, "last": last}
+                sockets[0].send(json.dumps(words))
+                page.wait_for_function(
+                    "text => document.querySelector('#over p')?.textContent === text",
+                    arg=text,
+                    timeout=1e3 * PATIENCE,
+                )
+            assert page.locator("#over").count() == 1
+            assert page.locator("#over h1").text_content() == "Done <b>"  # not HTML
+            box = page.locator("#over").bounding_box()
+            assert box is not None
+            assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 320, 400)
+            sockets[0].close()
+            time.sleep(0.5)
+            assert (page.locator("#over p").text_content() or "").startswith(said)
+            assert errors == []
+            window.close()
 
 
 def test_without_the_extra_it_says_what_to_install(

@@ -143,6 +143,35 @@ def test_small_motions_lag_by_the_time_constant() -> None:
     assert_allclose(slope * T * 2999 - view.alpha, 0.1 * slope, rtol=0.02, atol=0)
 
 
+@dataclass
+class Haptic:
+    """A device that takes forces; the hand pulls it at 5 mm/s."""
+
+    forces: list[tuple[float, float, float]] = field(default_factory=list)
+    x: float = 0.0
+
+    def __call__(self) -> DeviceState:
+        self.x += 5e-6
+        return DeviceState((self.x, 0.0, 0.0), (0.005, 0.0, 0.0))
+
+    def send_force(self, force: tuple[float, float, float]) -> None:
+        self.forces.append(force)
+
+
+def test_a_device_that_takes_forces_renders_the_viscosity_and_is_not_filtered_too(
+    insertion: rcmqp.Insertion,
+) -> None:
+    lags, haptic = [], Haptic()
+    for device in (haptic, Haptic().__call__):
+        steering = Steering(insertion, device, T, viscosity=35.0)
+        for k in range(300):
+            tip = insertion.tip(steering(T * k).reference.x_d)
+        moved = float(np.linalg.norm(tip - insertion.tip(insertion.x_rcm)))
+        lags.append(300 * 5e-6 - moved)
+    assert_allclose(haptic.forces, np.tile([-0.175, 0.0, 0.0], (300, 1)), rtol=1e-12, atol=0)
+    assert lags[0] < 0.6 * lags[1]
+
+
 @pytest.mark.parametrize("viscosity", [-1.0, math.nan, math.inf])
 def test_a_viscosity_that_is_none_is_refused(viscosity: float) -> None:
     with pytest.raises(OptionError, match="viscosity"):
@@ -341,9 +370,9 @@ def test_a_far_view_goes_through_the_planner(
     asked: list[float] = []
     follow = steering._viscous.step
 
-    def step(asked_for: ViewCommand) -> ViewCommand:
+    def step(asked_for: ViewCommand, *, felt: bool) -> ViewCommand:
         asked.append(asked_for.alpha)
-        return follow(asked_for)
+        return follow(asked_for, felt=felt)
 
     monkeypatch.setattr(steering._viscous, "step", step)
     steering(0.0)

@@ -34,6 +34,7 @@ def words(number: Any = 1, at: Any = 10.0, **changes: Any) -> dict[str, Any]:
         "at": at,
         "event": None,
         "way": [0.01, 0.0, 0.0, 0.0],
+        "felt": False,
     } | changes
 
 
@@ -44,6 +45,8 @@ def test_messages_are_read_as_they_were_meant() -> None:
     hand = parse(json.dumps(words(event=9.5)))
     assert hand == Hand(1, 1, True, 10.0, 9.5, (0.01, 0.0, 0.0, 0.0))
     assert Hand.unpack(hand.pack()) == hand
+    felt = hand._replace(operator=2, felt=True)
+    assert Hand.unpack(felt.pack()) == felt
     assert parse('{"kind": "take"}') == Take()
     assert parse('{"kind": "ping", "at": 3, "drawn": [1.5]}') == Ping(3.0, (1.5,))
 
@@ -65,6 +68,7 @@ def test_messages_are_read_as_they_were_meant() -> None:
         json.dumps(words(way=[0.0, 0.0, 0.0, math.inf])),
         json.dumps(words(way=[0.0, 0.0, 0.0, None])),
         json.dumps(words(held=1)),
+        json.dumps(words(felt=None)),
         json.dumps(words(number=1.5)),
         json.dumps(words(number=-1)),
         json.dumps(words(number=True)),

@@ -50,6 +50,8 @@ def live(
 ) -> None:
     """Steer a simulated arm in real time, in a browser, by mouse, touch, keys or gamepad.
 
+    The page has buttons for a headset, a space mouse and a Haply Inverse3.
+
     For example,
 
       rcmqp live

@@ -25,7 +25,7 @@ SAID = ("start", "break", "answers")
 MOST_ANSWERS = 10
 """Answers of one message."""
 
-_PACKED = struct.Struct("<QQQ?6d")
+_PACKED = struct.Struct("<QQQ??6d")
 
 
 class Malformed(RcmqpError):
@@ -44,6 +44,7 @@ class Hand(NamedTuple):
         way: (4,) x to the right, y down, z into the patient [m], roll clockwise [rad]; counted
             from anywhere, in the axes of the picture.
         operator: how often the steering has changed hands.
+        felt: whether the device renders the viscosity.
     """
 
     number: int
@@ -53,10 +54,11 @@ class Hand(NamedTuple):
     event: float
     way: tuple[float, float, float, float]
     operator: int = 0
+    felt: bool = False
 
     def pack(self) -> bytes:
         """As bytes."""
-        head = (self.number, self.grip, self.operator, self.held)
+        head = (self.number, self.grip, self.operator, self.held, self.felt)
         return _PACKED.pack(*head, self.at, self.event, *self.way)
 
     @classmethod
@@ -68,8 +70,9 @@ class Hand(NamedTuple):
         """
         if len(data) != _PACKED.size:
             raise Malformed(f"{len(data)} bytes, a hand has {_PACKED.size}")
-        number, grip, operator, held, at, event, *way = _PACKED.unpack(data)
-        return cls(number, grip, held, at, event, (way[0], way[1], way[2], way[3]), operator)
+        number, grip, operator, held, felt, at, event, *way = _PACKED.unpack(data)
+        x, y, z, roll = way
+        return cls(number, grip, held, at, event, (x, y, z, roll), operator, felt)
 
 
 class Ping(NamedTuple):
@@ -117,13 +120,14 @@ def parse(text: str) -> Hand | Ping | Take | Said:
         return Take()
     if kind == "ping" and data.keys() == {"at", "drawn"}:
         return Ping(_number(data["at"]), tuple(map(_number, _array(data["drawn"], 0, 80))))
-    if kind == "hand" and data.keys() == {"number", "grip", "held", "at", "event", "way"}:
-        if not isinstance(data["held"], bool):
-            raise Malformed("held is neither true nor false")
+    if kind == "hand" and data.keys() == {*Hand._fields} - {"operator"}:
+        if not isinstance(data["held"], bool) or not isinstance(data["felt"], bool):
+            raise Malformed("held or felt is neither true nor false")
         x, y, z, roll = (_number(value, FARTHEST) for value in _array(data["way"], 4, 4))
         event = math.nan if data["event"] is None else _number(data["event"])
         number, grip = _whole(data["number"]), _whole(data["grip"])
-        return Hand(number, grip, data["held"], _number(data["at"]), event, (x, y, z, roll))
+        way, at = (x, y, z, roll), _number(data["at"])
+        return Hand(number, grip, data["held"], at, event, way, felt=data["felt"])
     if kind in SAID[:2] and not data:
         return Said(kind, {})
     if kind == SAID[2] and data.keys() == {"values"}:

@@ -25,6 +25,7 @@ class PageHand:
 
     Attributes:
         newest: message.
+        taken: how many messages came.
         stopped: how often a held grip was ended by silence.
         event: when the input of the newest message happened, by the clock [s]; NaN once it was
             asked for.
@@ -33,7 +34,7 @@ class PageHand:
     def __init__(self, channel: socket.socket, clock: Callable[[], float]) -> None:
         """Messages come by ``channel``, which does not block; ``clock`` is that of Hand.at."""
         self._channel, self._clock = channel, clock
-        self.newest, self.stopped, self.event = AWAY, 0, math.nan
+        self.newest, self.taken, self.stopped, self.event = AWAY, 0, 0, math.nan
         self._grip: tuple[int, int] | None = None
         self._spent = (-1, -1)
 
@@ -51,7 +52,7 @@ class PageHand:
             else:
                 engaged, self._grip = self._grip == grip, grip  # the first reading is the origin
         x, y, z, roll = hand.way
-        return DeviceState((x, y, z), engaged=engaged, roll=roll)
+        return DeviceState((x, y, z), engaged=engaged, roll=roll, felt=hand.felt)
 
     def _end(self, grip: tuple[int, int]) -> None:
         """Never follow this grip again, or one from before."""
@@ -64,6 +65,7 @@ class PageHand:
                 hand = Hand.unpack(self._channel.recv(4096))
             except (OSError, Malformed):
                 return
+            self.taken += 1
             if not hand.held:
                 self._end((hand.operator, hand.grip))
             self.newest = hand

@@ -139,6 +139,7 @@ class Session:
             "depth": [float(insertion_depth(state.x, pivot, insertion.tip_depth))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,
+            "viscosity": self.steering.viscosity,
             "reached": self.goals.reached,
         }
         if self._cycle // self._every % 60 == 0:
@@ -216,14 +217,18 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
             due = max(due + period, time.perf_counter() - period)
             time.sleep(max(0.0, due - time.perf_counter()))
     report = loop.report()
-    stopped = [("grips ended by 100 ms of silence", str(session.hand.stopped))]
+    hand = session.hand
+    counted = [
+        ("messages that the loop took", str(hand.taken)),
+        ("grips ended by 100 ms of silence", str(hand.stopped)),
+    ]
     return {
         "report": report.as_markdown(),
         "fault": "" if report.stop.fault == "asked to stop" else report.stop.fault,
         "recorded": report.recorded,
         "recorded_whole": record is None or record.whole,
         "latency": session.latency(),
-        "rows": stopped,
+        "rows": counted,
         "reached": session.goals.reached,
     }
 

@@ -37,9 +37,14 @@ class Steering:
     follows it through the viscosity (Viscous), limited in speed and acceleration. Where the hand
     does not hold on, the arm is brought to rest, and the next grip begins from where it is then.
 
+    A device with a method ``send_force`` renders the viscosity itself: send_force() is called
+    once a cycle with the force (3,) on the handle, -B times its velocity [N]. It must drop a force
+    that is not renewed.
+
     Attributes:
         resting: whether the arm is to rest.
         reference: what was sent last.
+        viscosity: B, of the device [N s/m].
     """
 
     def __init__(
@@ -65,6 +70,8 @@ class Steering:
         """
         self._insertion, self._device = insertion, device
         self._hand, self._viscous = ImageHand(insertion, scale), Viscous(period, viscosity)
+        self.viscosity = viscosity
+        self._send_force = getattr(device, "send_force", None)
         self._planner = Planner(insertion.x_rcm, round(PLANNER_TIME / period) - 1, period)
         self.reference = view_pose(insertion.x_rcm, ViewCommand())
         self.resting = self._still = True
@@ -72,22 +79,27 @@ class Steering:
     def __call__(self, t: float) -> Stamped:
         """The reference at ``t`` [s]; while the arm is to rest, the last one."""
         state = self._device()
+        if self._send_force is not None:
+            u, v, w = state.velocity
+            B = self.viscosity
+            self._send_force((-B * u, -B * v, -B * w))
+            state = dataclasses.replace(state, felt=True)
         self.resting = not state.engaged or (self.resting and not self._still)
         if self.resting:
             self._hand.ask(dataclasses.replace(state, engaged=False))
         else:
             self._still = False
-            self.reference = self._follow(self._hand.ask(state))
+            self.reference = self._follow(self._hand.ask(state), felt=state.felt)
         return Stamped(self.reference, t)
 
-    def _follow(self, view: ViewCommand) -> Reference:
+    def _follow(self, view: ViewCommand, *, felt: bool) -> Reference:
         """The reference on the way to the view that the hand asks for."""
         x_rcm = self._insertion.x_rcm
         asked = view_pose(x_rcm, view)
         planned = self._planner.step(asked, self.reference.x_d)
         if planned is not asked:
             view = view_of_pose(x_rcm, planned.x_d)
-        return view_pose(x_rcm, self._viscous.step(view))
+        return view_pose(x_rcm, self._viscous.step(view, felt=felt))
 
     def see(self, state: ArmState) -> None:
         """Take the state that was measured; what the arm cannot reach is not asked for."""

@@ -30,6 +30,7 @@ class DeviceState:
         velocity: (3,) [m/s].
         engaged: whether the handle drives the camera; without, the camera stays.
         roll: of the handle about z [rad], counted from anywhere; positive is clockwise.
+        felt: whether the device renders the viscosity as a force; otherwise it is emulated.
 
     Raises:
         InvalidCommand: a number is not finite.
@@ -39,6 +40,7 @@ class DeviceState:
     velocity: Vector3 = (0.0, 0.0, 0.0)
     engaged: bool = True
     roll: float = 0.0
+    felt: bool = False
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.position, *self.velocity, self.roll))):
@@ -173,9 +175,13 @@ class ImageHand:
 
         d alpha = s x / (d cos(beta)),   d beta = -s y / d,   d t_z = s z,
 
-    so that the tip moves s times as far as the hand, in the hand's direction in the picture. For
-    a camera that looks to the side, inwards is its direction of view, not the shaft's. The
+    so that the tip moves s times as far as the hand, in the hand's direction in the picture. The
     handle's roll turns the shaft.
+
+    For a camera that looks to the side, inwards is its direction of view, not the shaft's. In a
+    view that is tilted, d alpha alone spins the shaft by -sin(beta) d alpha, which sweeps such a
+    camera sideways. So d gamma = sin(beta) d alpha is added for it: a drag does not spin the
+    shaft. The price is that a way around a wide circle ends with a picture that is rolled.
 
     Attributes:
         view: what the hand asks for.
@@ -200,6 +206,7 @@ class ImageHand:
         leaning = math.acos(max(-1.0, min(1.0, x * a + y * b + z * c)))
         self.view = ViewCommand()
         self._turn = instrument.camera.rotation
+        self._looks_aside = instrument.camera.angle > 0.0
         self._scale, self._tip_depth, self._clutch = scale, insertion.tip_depth, Clutch()
         self._flattest = math.cos(max(0.0, min(trocar.cone_half_angle - leaning, STEEPEST)))
         self._depths = (
@@ -223,6 +230,8 @@ class ImageHand:
             beta = view.beta - y / depth
             if math.cos(alpha) * math.cos(beta) < self._flattest or abs(beta) > STEEPEST:
                 alpha, beta = view.alpha, view.beta
+            elif self._looks_aside:
+                turn += math.sin(0.5 * (view.beta + beta)) * (alpha - view.alpha)
             low, high = self._depths
             deep = min(max(depth + inwards, low), max(depth, high))
             self.view = ViewCommand(alpha, beta, view.gamma + turn, deep - self._tip_depth)
@@ -248,9 +257,11 @@ class Viscous:
     A hand that pulls with stiffness K at a handle in a fluid of viscosity B moves it by
     B x_dot = K (x_hand - x): a first-order filter with the time constant tau = B / K. Each
     coordinate of the view follows the one asked for in this way, its rate and its acceleration
-    limited; the rate follows with tau / 4, so that nothing overshoots.
+    limited; the rate follows with tau / 4, so that nothing overshoots. For a device that renders
+    the viscosity, tau is that of B = 0.
 
     Attributes:
+        viscosity: B [N s/m].
         view: now, with its rates.
     """
 
@@ -266,12 +277,17 @@ class Viscous:
         """
         if not 0.0 <= viscosity < math.inf:
             raise OptionError(f"viscosity = {viscosity} N s/m, it must be finite and 0 or more")
-        self.view = ViewCommand()
+        self.view, self.viscosity = ViewCommand(), viscosity
         self._period, self._tau = period, max(viscosity / STIFFNESS, QUICKEST)
 
-    def step(self, asked: ViewCommand) -> ViewCommand:
-        """The view one period on, on the way to the one asked for."""
-        view, tau = self.view, self._tau
+    def step(self, asked: ViewCommand, *, felt: bool = False) -> ViewCommand:
+        """The view one period on, on the way to the one asked for.
+
+        Args:
+            asked: the view that the hand asks for.
+            felt: whether the device renders the viscosity itself.
+        """
+        view, tau = self.view, QUICKEST if felt else self._tau
         away = (
             asked.alpha - view.alpha,
             asked.beta - view.beta,

@@ -31,11 +31,15 @@ export class Hand {
     this.pointers = new Map();
     /** Other things that are held: keys, a gamepad. @type {Set<string>} */
     this.others = new Set();
-    this.blocked = false; // a gamepad's shoulder has to be let go first
+    /** Devices whose dead-man was seen let go since the last release. @type {Set<string>} */
+    this.free = new Set();
   }
 
   /** Whether the dead-man is held. */
   get held() { return this.pointers.size + this.others.size > 0; }
+
+  /** Whether the operator feels the viscosity at the handle. */
+  get felt() { return this.others.has("haply"); }
 
   /** Something is about to be held: the first takes a new grip. */
   take() {
@@ -46,7 +50,7 @@ export class Hand {
   release() {
     this.pointers.clear();
     this.others.clear();
-    this.blocked = true;
+    this.free.clear();
   }
 
   /** @param {number[]} step (4,) @param {number} at when [ms] */
@@ -105,6 +109,36 @@ export class Hand {
   lift(code) { this.others.delete(code); }
 
   /**
+   * A device's dead-man is pressed, or let go. After release() it has to be let go first.
+   *
+   * @param {string} device
+   * @param {boolean} pressed
+   * @returns {boolean} whether the device holds
+   */
+  grasp(device, pressed) {
+    if (!pressed) {
+      this.free.add(device);
+      this.others.delete(device);
+    } else if (this.free.has(device)) {
+      this.take();
+      this.others.add(device);
+    }
+    return this.others.has(device);
+  }
+
+  /**
+   * Sticks, or a cap, that are pushed from their middle while their device holds.
+   *
+   * @param {number[]} pushed (4,) each from -1 to 1, in the axes of the way
+   * @param {number} passed since the last time [s]
+   * @param {number} at [ms]
+   */
+  push(pushed, passed, at) {
+    const rates = pushed.map((value, i) => (Math.abs(value) < IDLE ? 0 : value * SPEED[i]));
+    if (rates.some(Boolean)) this.move(rates.map((rate) => rate * passed), at);
+  }
+
+  /**
    * Read a gamepad: its shoulder holds, the left stick moves, the right one goes in and rolls.
    *
    * @param {{axes: readonly number[], buttons: readonly {pressed: boolean}[]} | null} pad
@@ -112,18 +146,9 @@ export class Hand {
    * @param {number} at [ms]
    */
   read(pad, passed, at) {
-    const pressed = pad?.buttons[SHOULDER]?.pressed ?? false;
-    if (!pressed) {
-      this.blocked = false;
-      this.others.delete("pad");
-      return;
-    }
-    if (this.blocked || !pad) return;
-    this.take();
-    this.others.add("pad");
+    if (!this.grasp("pad", pad?.buttons[SHOULDER]?.pressed ?? false) || !pad) return;
     const [x = 0, y = 0, roll = 0, out = 0] = pad.axes;
-    const rates = [x, y, -out, roll].map((value, i) => (Math.abs(value) < IDLE ? 0 : value * SPEED[i]));
-    if (rates.some(Boolean)) this.move(rates.map((rate) => rate * passed), at);
+    this.push([x, y, -out, roll], passed, at);
   }
 
   /** What held keys do meanwhile. @param {number} passed since the last time [s] @param {number} at [ms] */

@@ -13,7 +13,7 @@ const ROLE = "role";
 
 /**
  * @typedef {import("./sources.js").State & {
- *   time: number, at: number, moving: boolean, stopped: number, reached: number[], latency?: Record<string, number[]>
+ *   time: number, at: number, moving: boolean, stopped: number, viscosity: number, reached: number[], latency?: Record<string, number[]>
  * }} Live
  */
 
@@ -117,7 +117,7 @@ export class Link {
     hand.event = null;
     this.send({
       kind: "hand", number: this.number, grip: hand.grip, held: hand.held,
-      at: this.seconds(performance.now()), event, way: hand.way,
+      at: this.seconds(performance.now()), event, way: hand.way, felt: hand.felt,
     });
   }
 

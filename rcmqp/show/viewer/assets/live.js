@@ -2,6 +2,7 @@
 
 import "./failures.js";
 import { unpacked } from "./packed.js";
+import { Devices } from "./devices.js";
 import { query } from "./elements.js";
 import { depth } from "./format.js";
 import { Hand } from "./hands.js";
@@ -30,7 +31,7 @@ source.push(-1, first.source.at(0)); // the arm before the loop begins
 const picture = query(document, "#scope");
 const stage = new Stage(query(document, "#scene"), picture, { scene, arm, runs: [{ ...first, source }] });
 const hand = new Hand();
-const page = { steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false };
+const page = { steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false, held: false };
 /** @type {import("./link.js").Live | null} */
 let newest = null;
 let drawn = { time: -1, at: 0, wrote: 0, angles: first.source.at(0).angles };
@@ -49,6 +50,7 @@ const link = new Link({
   },
   role(steers) {
     Object.assign(page, { steers, free: false });
+    hand.release(); // what was held meanwhile has to be pressed anew
     write();
   },
   free() {
@@ -68,6 +70,9 @@ const link = new Link({
 });
 
 const task = orders && new Task(orders, stage, link);
+const devices = new Devices(hand, {
+  changed, released: release, draw, picture: stage.scope.domElement, viscosity: () => newest?.viscosity ?? 0,
+});
 
 /** Tell the server of the hand now, and that it has let go without fail. */
 function tell() {
@@ -81,7 +86,7 @@ function tell() {
 /** After an input: at once, but for one that follows on the last message. */
 function changed() {
   if (performance.now() - page.told >= LEAST || !hand.held) tell();
-  write();
+  if (hand.held !== page.held) write(); // the rest is written with the next picture
 }
 
 function release() {
@@ -109,7 +114,7 @@ function writeLatency({ input, state }) {
 
 /** What the operator has to know, and the errors. */
 function write() {
-  const held = hand.held;
+  const held = (page.held = hand.held);
   if (!held) page.silent = false;
   /** @type {[string, string]} */
   const said =
@@ -178,7 +183,8 @@ setInterval(() => {
   const now = performance.now();
   const passed = Math.min(0.1, (now - last) / 1000);
   last = now;
-  if (page.steers && !page.ended) hand.read(navigator.getGamepads().find(Boolean) ?? null, passed, now);
+  devices.tick(passed, now);
+  if (!page.steers || page.ended) hand.release();
   hand.tick(passed, now);
   if (now - page.told >= EVERY - 1) tell();
 }, EVERY);
@@ -212,14 +218,19 @@ query(document, "#show").addEventListener("click", () => showScene(query(documen
 query(document, "#take").addEventListener("click", () => link.take());
 for (const button of document.querySelectorAll("button")) button.addEventListener("click", () => button.blur());
 
-/** Draw the newest state, if the arm has moved. @param {number} now [ms] */
+/** @param {number} now [ms] */
+function loop(now) {
+  requestAnimationFrame(loop);
+  draw(now);
+}
+
+/** Draw the newest state, if the arm has moved. @param {number} now [ms] @returns {number} how many were drawn */
 function draw(now) {
-  requestAnimationFrame(draw);
   if (now - drawn.wrote > READ) {
     drawn.wrote = now;
     write();
   }
-  if (page.light && now - drawn.at < LIGHT) return;
+  if (page.light && now - drawn.at < LIGHT) return stage.draws;
   const { angles } = drawn;
   if (newest && newest.time !== drawn.time && Array.from(newest.angles).some((angle, i) => Math.abs(angle - angles[i]) > AT_REST)) {
     drawn = { ...drawn, time: newest.time, at: now, angles: newest.angles };
@@ -228,6 +239,7 @@ function draw(now) {
     ages.push(link.saw(newest));
     if (ages.length > AGES) ages.shift();
   } else stage.render();
+  return stage.draws;
 }
 
 stage.paint();
@@ -238,11 +250,13 @@ stage.seek(source.newest);
 task?.draw();
 query(document, "#wait").remove();
 write();
-requestAnimationFrame(draw);
+requestAnimationFrame(loop);
 
 window.rcmqp = {
   get newest() { return newest; },
   get steers() { return page.steers; },
+  get told() { return link.number; },
+  get held() { return hand.held; },
   get way() { return hand.way; },
   get clock() { return link.ahead; },
   /** Spheres as the picture shows them now, and as the task's pictures do: see sight(). */

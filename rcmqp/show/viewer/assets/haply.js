@@ -1,0 +1,104 @@
+// Haply's Inverse3, by the JSON of its service: the handle moves the hand, and feels the viscosity.
+
+import { turnAbout } from "./vectors.js";
+
+/** Where its service listens. */
+export const SERVICE = "ws://localhost:10001";
+/** Without a message for so long the handle is let go [ms]. */
+const SILENCE = 100;
+/** The largest force that is asked for [N]. */
+const STRONGEST = 5;
+
+/** What a tab keeps over its pages: that it has listened to one. */
+const REMEMBERED = "haply";
+
+/** @typedef {{x: number, y: number, z: number, w?: number}} Xyz */
+
+/** @param {Xyz | undefined} values */
+const array = ({ x, y, z, w = 0 } = { x: NaN, y: NaN, z: NaN }) => [x, y, z, w];
+
+export class Haply {
+  /**
+   * @param {import("./hands.js").Hand} hand
+   * @param {{changed: () => void, viscosity: () => number, said: (words: string) => void}} page
+   *   changed() after each message, the viscosity to be felt [N s/m], and what the user has to know
+   */
+  constructor(hand, page) {
+    this.hand = hand;
+    this.page = page;
+    /** @type {WebSocket | null} */
+    this.socket = null;
+    /** Where the handle was while it was held, and its attitude. @type {[number[], number[]] | null} */
+    this.before = null;
+    this.heard = 0;
+    this.silent = false;
+  }
+
+  /** Go on after a page of this tab that listened to one. */
+  resume() {
+    if (sessionStorage.getItem(REMEMBERED) !== null) this.connect();
+  }
+
+  /** @param {string} address of the service */
+  connect(address = SERVICE) {
+    if (this.socket) return;
+    this.socket = new WebSocket(address);
+    this.socket.addEventListener("message", ({ data }) => this.hear(JSON.parse(data), performance.now()));
+    this.socket.addEventListener("open", () => sessionStorage.setItem(REMEMBERED, ""));
+    this.socket.addEventListener("close", () => {
+      this.socket = null;
+      sessionStorage.removeItem(REMEMBERED);
+      this.letGo();
+      this.page.said(`no Haply at ${address}: is its service running?`);
+    });
+  }
+
+  /**
+   * A message of the service: x to the right, y away from the user, z up.
+   *
+   * @param {{inverse3?: any[], wireless_verse_grip?: any[], verse_grip?: any[]}} message
+   * @param {number} at [ms]
+   */
+  hear({ inverse3 = [], wireless_verse_grip, verse_grip = [] }, at) {
+    const [device] = inverse3;
+    if (!device?.state) return;
+    const [grip] = wireless_verse_grip?.length ? wireless_verse_grip : verse_grip;
+    const { buttons = {}, orientation } = grip?.state ?? {};
+    const place = array(device.state.cursor_position);
+    const attitude = orientation ? array(orientation) : [0, 0, 0, 1];
+    const pressed = Object.values(buttons).some(Boolean) && place.every(Number.isFinite) && attitude.every(Number.isFinite);
+    this.heard = at;
+    this.silent = false;
+    this.render(device);
+    const held = this.hand.grasp("haply", pressed);
+    if (held && this.before) {
+      const [[x, y, z], from] = this.before;
+      this.hand.move([place[0] - x, z - place[2], place[1] - y, turnAbout([0, 1, 0], from, attitude)], at);
+    }
+    this.before = held ? [place, attitude] : null;
+    this.page.changed();
+  }
+
+  /** Answer with the viscosity's force; the service sends on only to who answers. @param {{device_id: string, state: any}} device */
+  render({ device_id, state }) {
+    const B = this.page.viscosity();
+    const force = array(state.cursor_velocity).slice(0, 3).map((v) => -B * v || 0);
+    const share = Math.min(1, STRONGEST / Math.hypot(...force)) || 0;
+    const [x, y, z] = force.map((f) => share * f);
+    this.socket?.send(JSON.stringify({ inverse3: [{ device_id, commands: { set_cursor_force: { values: { x, y, z } } } }] }));
+  }
+
+  /** Notice that nothing came. @param {number} now [ms] */
+  tick(now) {
+    if (!this.socket || this.silent || now - this.heard <= SILENCE) return;
+    this.silent = true;
+    this.letGo();
+  }
+
+  letGo() {
+    this.before = null;
+    this.hand.others.delete("haply");
+    this.hand.free.delete("haply"); // it has to be let go and pressed anew
+    this.page.changed();
+  }
+}

@@ -1,0 +1,176 @@
+// A space mouse and a Haply, played by stand-ins: what they say moves the hand while they hold.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { Hand } from "../../rcmqp/show/viewer/assets/hands.js";
+import { Haply } from "../../rcmqp/show/viewer/assets/haply.js";
+import { SpaceMouse } from "../../rcmqp/show/viewer/assets/spacemouse.js";
+import { turnAbout } from "../../rcmqp/show/viewer/assets/vectors.js";
+
+/** @param {number[]} way @param {number[]} expected */
+function near(way, expected) {
+  assert.equal(way.length, expected.length);
+  expected.forEach((x, i) => assert.ok(Math.abs(way[i] - x) < 1e-9, `${way} is not ${expected}`));
+}
+
+/** A turn about an axis as x, y, z, w. @param {number[]} axis @param {number} angle [rad] */
+const turn = (axis, angle) => [...axis.map((x) => x * Math.sin(angle / 2)), Math.cos(angle / 2)];
+
+/** @param {number} reportId @param {number[]} numbers */
+const report = (reportId, numbers) => ({ reportId, data: new DataView(Int16Array.from(numbers).buffer) });
+/** @param {number} pressed */
+const buttons = (pressed) => ({ reportId: 3, data: new DataView(Uint8Array.of(pressed, 0).buffer) });
+
+function spaceMouse() {
+  const hand = new Hand();
+  const mouse = new SpaceMouse(hand, () => {});
+  mouse.tick(0.01, 1);
+  return { hand, mouse };
+}
+
+test("the turn about an axis is found, whatever the other turns and signs", () => {
+  const from = turn([0, 0.6, 0.8], 2);
+  const [x, y, z, w] = from;
+  for (const angle of [-3, -0.2, 0, 1, 3]) { // to = turn * from, about z
+    const [s, c] = [Math.sin(angle / 2), Math.cos(angle / 2)];
+    const to = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z];
+    near([turnAbout([0, 0, 1], from, to)], [angle]);
+    near([turnAbout([0, 0, 1], from, to.map((value) => -value))], [angle]);
+    near([turnAbout([0, 0, -1], from, to)], [-angle]);
+  }
+});
+
+test("a space mouse moves the hand while a button is held, each axis to its own", () => {
+  for (const [id, numbers, way] of /** @type {[number, number[], number[]][]} */ ([
+    [1, [350, 0, 0], [0.03, 0, 0, 0]], // to the right
+    [1, [0, 0, 350], [0, 0.03, 0, 0]], // down
+    [1, [0, -350, 0], [0, 0, 0.02, 0]], // away from the user: in
+    [2, [0, -350, 0], [0, 0, 0, 0.6]], // clockwise, as the user sees it
+    [1, [0, 0, 0, 0, -175, 0], [0, 0, 0, 0.3]], // newer ones
+    [1, [5000, 0, 0], [0.03, 0, 0, 0]],
+    [1, [20, 0, 0], [0, 0, 0, 0]], // it does not go back quite
+  ])) {
+    const { hand, mouse } = spaceMouse();
+    mouse.hear(report(id, numbers));
+    mouse.tick(1, 1);
+    near(hand.way, [0, 0, 0, 0]);
+    mouse.hear(buttons(1));
+    assert.ok(hand.held);
+    mouse.tick(1, 1);
+    near(hand.way, way);
+    mouse.hear(buttons(0));
+    assert.ok(!hand.held);
+  }
+});
+
+test("a space mouse that is unplugged, or was pressed at a release, holds nothing", () => {
+  const { hand, mouse } = spaceMouse();
+  mouse.hear(buttons(2));
+  hand.release();
+  mouse.hear(report(1, [350, 0, 0]));
+  mouse.tick(1, 1);
+  assert.ok(!hand.held);
+  near(hand.way, [0, 0, 0, 0]);
+  mouse.hear(buttons(0));
+  mouse.hear(buttons(2));
+  assert.ok(hand.held);
+  assert.equal(hand.grip, 2);
+  mouse.gone();
+  mouse.tick(1, 1);
+  assert.ok(!hand.held);
+  near(hand.way, [0, 0, 0, 0]);
+});
+
+test("a space mouse that was allowed before is listened to, and a report that is too short is left out", async () => {
+  const hand = new Hand();
+  const device = Object.assign(new EventTarget(), { opened: false, async open() { this.opened = true; } });
+  const hid = Object.assign(new EventTarget(), { getDevices: async () => [device], requestDevice: async () => [device] });
+  const mouse = new SpaceMouse(hand, () => {});
+  await mouse.resume(hid);
+  await mouse.connect(hid); // it listens once
+  mouse.tick(0.01, 1);
+  device.dispatchEvent(Object.assign(new Event("inputreport"), report(1, [9])));
+  device.dispatchEvent(Object.assign(new Event("inputreport"), buttons(1)));
+  assert.ok(hand.held);
+  hid.dispatchEvent(new Event("disconnect"));
+  assert.ok(!hand.held);
+});
+
+/** What a stand-in for the service's socket was sent. */
+class Socket extends EventTarget {
+  /** @type {any[]} */
+  sent = [];
+
+  /** @param {string} text */
+  send(text) { this.sent.push(JSON.parse(text)); }
+}
+
+function haply(viscosity = 15) {
+  const [hand, socket, said] = [new Hand(), new Socket(), /** @type {string[]} */ ([])];
+  const device = new Haply(hand, { changed() {}, viscosity: () => viscosity, said: (words) => said.push(words) });
+  device.socket = /** @type {any} */ (socket);
+  return { hand, socket, device, said };
+}
+
+/** @param {number[]} place @param {{pressed?: boolean, q?: number[], v?: number[]}} more */
+function message([x, y, z], { pressed = true, q = [0, 0, 0, 1], v = [0, 0, 0] } = {}) {
+  const [a, b, c, w] = q;
+  return {
+    inverse3: [{ device_id: "0F", state: { cursor_position: { x, y, z }, cursor_velocity: { x: v[0], y: v[1], z: v[2] } } }],
+    wireless_verse_grip: [{ state: { buttons: { a: pressed, b: false, c: false }, orientation: { x: a, y: b, z: c, w } } }],
+  };
+}
+
+test("a Haply moves the hand as far as its handle goes while a button is held", () => {
+  const { hand, device } = haply();
+  device.hear(message([0, 0, 0], { pressed: false }), 1);
+  device.hear(message([0.5, 0, 0]), 2); // where it is taken hold of is the origin
+  device.hear(message([0.51, 0.02, 0.03], { q: turn([0, 1, 0], 0.4) }), 3);
+  near(hand.way, [0.01, -0.03, 0.02, 0.4]);
+  assert.ok(hand.felt);
+  assert.equal(hand.event, 3);
+  device.hear(message([0.6, 0, 0], { pressed: false }), 4);
+  assert.ok(!hand.held);
+  assert.ok(!hand.felt);
+  device.hear(message([0.7, 0, 0]), 5);
+  near(hand.way, [0.01, -0.03, 0.02, 0.4]);
+});
+
+test("a Haply renders the viscosity, and not more than 5 N", () => {
+  const { socket, device } = haply();
+  device.hear(message([0, 0, 0], { v: [0.1, -0.2, 0] }), 1);
+  device.hear(message([0, 0, 0], { v: [0, 0, 2] }), 2);
+  const forces = socket.sent.map(({ inverse3: [{ device_id, commands }] }) => {
+    assert.equal(device_id, "0F");
+    const { x, y, z } = commands.set_cursor_force.values;
+    return [x, y, z];
+  });
+  near(forces[0], [-1.5, 3, 0]);
+  near(forces[1], [0, 0, -5]);
+});
+
+test("a Haply that falls silent lets go, and has to be let go and pressed anew", () => {
+  const { hand, device } = haply();
+  device.hear(message([0, 0, 0], { pressed: false }), 1);
+  device.hear(message([0, 0, 0]), 2);
+  device.tick(102);
+  assert.ok(hand.held);
+  device.tick(103);
+  assert.ok(!hand.held);
+  device.hear(message([0.1, 0, 0]), 200);
+  assert.ok(!hand.held);
+  device.hear(message([0.1, 0, 0], { pressed: false }), 201);
+  device.hear(message([0.2, 0, 0]), 202);
+  assert.ok(hand.held);
+  near(hand.way, [0, 0, 0, 0]);
+});
+
+test("messages of a Haply without a place, or with one that is no number, hold nothing", () => {
+  const { hand, device } = haply();
+  device.hear(message([0, 0, 0], { pressed: false }), 1);
+  for (const odd of [{}, { inverse3: [] }, { inverse3: [{ device_id: "0F", state: {} }], wireless_verse_grip: message([0, 0, 0]).wireless_verse_grip }])
+    device.hear(/** @type {any} */ (odd), 2);
+  device.hear(message([0, NaN, 0]), 3);
+  assert.ok(!hand.held);
+});
