@@ -84,7 +84,7 @@ static void factor_joints(Joints *joints)
         }
         for (int p = 0; p < n && k >= n; ++p) {
             const double part = by * by * row[p];
-            for (int q = 0; q < n && part != 0.0; ++q) K[p * n + q] += part * row[q];
+            if (part != 0.0) add_to(K + p * n, part, row, p + 1);
         }
     }
     for (int i = 0; i < size; ++i) K[i * size + i] += damping * damping;
@@ -106,8 +106,7 @@ static Ability ability(Joints *joints, const double *x, double size)
     memset(w, 0, sizeof(double) * (size_t)n);
     for (int i = k < n ? 0 : above; i < k; ++i) {
         const double *row = row_of(joints, i, &by);
-        by *= z[i];
-        for (int p = 0; p < n; ++p) w[p] += by * row[p];
+        add_to(w, by * z[i], row, n);
     }
     if (k >= n) cholesky_solve(joints->K, n, w);
     for (int p = 0; p < n; ++p) {

@@ -61,8 +61,7 @@ static void narrow(State *state, double *B, int count, double tol, Arena *arena)
 static void move(State *state, const double *y)
 {
     const int n = state->n;
-    for (int j = 0; j < state->free; ++j)
-        for (int p = 0; p < n; ++p) state->v[p] += y[j] * state->Z[j * n + p];
+    for (int j = 0; j < state->free; ++j) add_to(state->v, y[j], state->Z + j * n, n);
 }
 
 /* What counts as dependent in rows that were divided by `weight`. */
@@ -85,16 +84,15 @@ static void speed_rows(const Problem *problem, int held, double d, double *L, Ar
     cholesky(S, all);
     for (int i = 0; i < all; ++i) { /* C <- S^-1 C, with the lower factor S */
         double *row = C + i * free, by = 1.0 / S[i * all + i];
-        for (int p = 0; p < i; ++p)
-            for (int j = 0; j < free; ++j) row[j] -= S[i * all + p] * C[p * free + j];
+        for (int p = 0; p < i; ++p) add_to(row, -S[i * all + p], C + p * free, free);
         for (int j = 0; j < free; ++j) row[j] *= by;
     }
-    for (int i = 0; i < free; ++i)
-        for (int j = 0; j <= i; ++j) {
-            double total = i == j ? 1.0 : 0.0;
-            for (int p = 0; p < all; ++p) total -= C[p * free + i] * C[p * free + j];
-            L[i * free + j] = L[j * free + i] = d * total;
-        }
+    for (int i = 0; i < free; ++i) {
+        double *row = L + i * free;
+        memset(row, 0, sizeof(double) * (size_t)free);
+        row[i] = d;
+        for (int p = 0; p < all; ++p) add_to(row, -d * C[p * free + i], C + p * free, free);
+    }
     arena->used = mark;
 }
 
@@ -119,14 +117,14 @@ static void step_rows(const Problem *problem, int held, const Level *level, doub
     arena->used = mark;
 }
 
-/* What is missing of a row of `count` numbers at x, divided by `weight`, as row i of c, and its
- * rounding error; returns row x. */
+/* What is missing of a row of `count` numbers at x, divided by the level's norm, as row i of c, and
+ * its rounding error, which only bounds ask for; returns row x. */
 static double miss(const Problem *problem, const double *row, const double *x, int count, double b,
-                   double weight, int i)
+                   int i, int bounded)
 {
-    const double by = 1.0 / weight, value = dot(row, x, count);
+    const double by = 1.0 / problem->weight, value = dot(row, x, count);
     double noise = fabs(b);
-    for (int p = 0; p < count; ++p) noise += fabs(row[p] * x[p]);
+    for (int p = 0; p < count && bounded; ++p) noise += fabs(row[p] * x[p]);
     problem->c[i] = by * (b - value), problem->noise[i] = EPS * by * noise;
     return by * value;
 }
@@ -152,10 +150,11 @@ static void add_speed(const State *state, const Level *level, Problem *problem, 
         along(state, level->from, 1, 1.0, from);
     }
     along(state, state->v, 1, 1.0, speed);
-    for (int i = 0; i < free * free; ++i) problem->M[first * free + i] = L[i] / problem->weight;
+    const double by = 1.0 / problem->weight;
+    for (int i = 0; i < free * free; ++i) problem->M[first * free + i] = by * L[i];
     for (int i = 0; i < free; ++i) {
         still[i] = level->from == NULL ? 0.0 : dot(L + i * free, from, free);
-        miss(problem, L + i * free, speed, free, still[i], problem->weight, first + i);
+        miss(problem, L + i * free, speed, free, still[i], first + i, state->N);
     }
     arena->used = mark;
 }
@@ -178,9 +177,9 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
     along(state, state->H, held, 1.0 / weight, M);
     along(state, level->A, m, 1.0 / weight, M + held * free);
     for (int i = 0; i < held; ++i)
-        miss(problem, state->H + i * n, state->v, n, held_to(state, level, i), weight, i);
+        miss(problem, state->H + i * n, state->v, n, held_to(state, level, i), i, N);
     for (int i = 0; i < m; ++i) {
-        const double Av = miss(problem, level->A + i * n, state->v, n, level->b[i], weight, held + i);
+        const double Av = miss(problem, level->A + i * n, state->v, n, level->b[i], held + i, N);
         total += Av * Av;
     }
     problem->scale = norm_of(level->b, m) / weight + sqrt(total);
@@ -411,7 +410,7 @@ static double add_gradient(const double *rows, const double *b, int count, const
     for (int i = 0; i < count; ++i) {
         const double wanted = b == NULL ? 0.0 : b[i];
         const double residual = dot(rows + i * n, v, n) - wanted;
-        for (int p = 0; p < n; ++p) gradient[p] += rows[i * n + p] * residual;
+        add_to(gradient, residual, rows + i * n, n);
         square += residual * residual, goal += wanted * wanted;
     }
     return norm_of(rows, count * n) * sqrt(larger(square, goal));

@@ -10,7 +10,7 @@ static inline void reflect(const double *restrict L, int r, int j, const double 
     const double *u = L + j * r;
     const double by = beta[j] * (x[j] + dot(u + j + 1, x + j + 1, r - j - 1));
     x[j] -= by;
-    for (int p = j + 1; p < r; ++p) x[p] -= by * u[p];
+    add_to(x + j + 1, -by, u + j + 1, r - j - 1);
 }
 
 /* L (k, r) in place, by Householder with row pivoting: L[order] is lower trapezoidal times Q1^T.
@@ -54,16 +54,13 @@ int reduce(double *L, int k, int r, double tol, double *beta, int *order)
 void reflect_rows(const Rows *rows, int r, double *X, int n, Arena *arena)
 {
     const size_t mark = arena->used;
-    double *restrict sum = take(arena, n);
+    double *sum = take(arena, n);
     for (int j = 0; j < rows->rank; ++j) {
         const double *u = rows->L + j * r;
         memcpy(sum, X + j * n, sizeof(double) * (size_t)n);
-        for (int i = j + 1; i < r; ++i)
-            for (int c = 0; c < n; ++c) sum[c] += u[i] * X[i * n + c];
-        for (int c = 0; c < n; ++c) sum[c] *= rows->beta[j];
-        for (int c = 0; c < n; ++c) X[j * n + c] -= sum[c];
-        for (int i = j + 1; i < r; ++i)
-            for (int c = 0; c < n; ++c) X[i * n + c] -= u[i] * sum[c];
+        for (int i = j + 1; i < r; ++i) add_to(sum, u[i], X + i * n, n);
+        add_to(X + j * n, -rows->beta[j], sum, n);
+        for (int i = j + 1; i < r; ++i) add_to(X + i * n, -rows->beta[j] * u[i], sum, n);
     }
     arena->used = mark;
 }
@@ -83,13 +80,10 @@ static void expand(const double *L, int r, int rank, const double *beta, double 
     for (int i = 0; i < r; ++i) Q[i * r + i] = 1.0;
     for (int j = rank - 1; j >= 0; --j) {
         const double *u = L + j * r;
-        for (int c = j; c < r; ++c) sum[c] = Q[j * r + c];
-        for (int i = j + 1; i < r; ++i)
-            for (int c = j; c < r; ++c) sum[c] += u[i] * Q[i * r + c];
-        for (int c = j; c < r; ++c) sum[c] *= beta[j];
-        for (int c = j; c < r; ++c) Q[j * r + c] -= sum[c];
-        for (int i = j + 1; i < r; ++i)
-            for (int c = j; c < r; ++c) Q[i * r + c] -= u[i] * sum[c];
+        memcpy(sum, Q + j * r + j, sizeof(double) * (size_t)(r - j));
+        for (int i = j + 1; i < r; ++i) add_to(sum, u[i], Q + i * r + j, r - j);
+        add_to(Q + j * r + j, -beta[j], sum, r - j);
+        for (int i = j + 1; i < r; ++i) add_to(Q + i * r + j, -beta[j] * u[i], sum, r - j);
     }
     arena->used = mark;
 }
@@ -121,7 +115,7 @@ static void solve_columns(const double *T, int r, int m, const double *beta, con
     for (int j = 0; j < r; ++j) reflect(T, m, j, beta, left);
     for (int j = r - 1; j >= 0; --j) {
         const double part = w[turn[j]] = left[j] / T[j * m + j];
-        for (int p = 0; p < j; ++p) left[p] -= T[j * m + p] * part;
+        add_to(left, -part, T + j * m, j);
     }
 }
 
@@ -197,7 +191,7 @@ void cholesky_solve(const double *restrict L, int n, double *restrict x)
     for (int i = 0; i < n; ++i) x[i] = (x[i] - dot(L + i * n, x, i)) / L[i * n + i];
     for (int i = n - 1; i >= 0; --i) {
         x[i] /= L[i * n + i];
-        for (int j = 0; j < i; ++j) x[j] -= L[i * n + j] * x[i];
+        add_to(x, -x[i], L + i * n, i);
     }
 }
 

@@ -32,6 +32,17 @@ static inline double dot(const double *a, const double *b, int n)
     return even + odd;
 }
 
+/* y (n) += by x, two numbers at a time: sizes are too small for what compilers make of a loop. */
+static inline void add_to(double *restrict y, double by, const double *restrict x, int n)
+{
+    int i = 0;
+    for (; i + 1 < n; i += 2) {
+        const double first = y[i] + by * x[i], second = y[i + 1] + by * x[i + 1];
+        y[i] = first, y[i + 1] = second;
+    }
+    if (i < n) y[i] += by * x[i];
+}
+
 /* Whether all numbers are finite. */
 static inline int are_finite(const double *numbers, ptrdiff_t count)
 {
