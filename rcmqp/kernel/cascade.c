@@ -83,7 +83,7 @@ static void speed_rows(const Problem *problem, int held, double d, double *L, Ar
             S[i * all + j] = dot(C + i * free, C + j * free, free) + (i == j ? 1.0 : 0.0);
     cholesky(S, all);
     for (int i = 0; i < all; ++i) { /* C <- S^-1 C, with the lower factor S */
-        double *row = C + i * free, by = 1.0 / S[i * all + i];
+        double *row = C + i * free, by = S[i * all + i];
         for (int p = 0; p < i; ++p) add_to(row, -S[i * all + p], C + p * free, free);
         for (int j = 0; j < free; ++j) row[j] *= by;
     }
@@ -112,8 +112,10 @@ static void step_rows(const Problem *problem, int held, const Level *level, doub
             S[i * free + j] = (i == j ? square : 0.0) +
                               (more > 0.0 ? dot(L + i * free, L + j * free, free) : 0.0);
     cholesky(S, free);
-    for (int i = 0; i < free; ++i)
+    for (int i = 0; i < free; ++i) {
         for (int j = 0; j < free; ++j) L[i * free + j] = j < i ? 0.0 : S[j * free + i];
+        L[i * free + i] = 1.0 / S[i * free + i];
+    }
     arena->used = mark;
 }
 

@@ -175,22 +175,23 @@ int pseudo_solve(const double *M, int m, int r, const double *c, double tol, dou
     return rank;
 }
 
-/* Lower factor of A = L L^T (n, n), positive definite, in place of its lower triangle. */
+/* Lower factor of A = L L^T (n, n), positive definite, in place of its lower triangle; on its
+ * diagonal is 1 / L_ii, for what follows multiplies by that. */
 void cholesky(double *A, int n)
 {
-    for (int i = 0; i < n; ++i)
-        for (int j = 0; j <= i; ++j) {
-            const double left = A[i * n + j] - dot(A + i * n, A + j * n, j);
-            A[i * n + j] = i == j ? sqrt(left) : left / A[j * n + j];
-        }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j)
+            A[i * n + j] = (A[i * n + j] - dot(A + i * n, A + j * n, j)) * A[j * n + j];
+        A[i * n + i] = 1.0 / sqrt(A[i * n + i] - dot(A + i * n, A + i * n, i));
+    }
 }
 
-/* x (n) <- A^-1 x, with L the lower factor of A. */
+/* x (n) <- A^-1 x, with L what cholesky() makes of A. */
 void cholesky_solve(const double *restrict L, int n, double *restrict x)
 {
-    for (int i = 0; i < n; ++i) x[i] = (x[i] - dot(L + i * n, x, i)) / L[i * n + i];
+    for (int i = 0; i < n; ++i) x[i] = (x[i] - dot(L + i * n, x, i)) * L[i * n + i];
     for (int i = n - 1; i >= 0; --i) {
-        x[i] /= L[i * n + i];
+        x[i] *= L[i * n + i];
         add_to(x, -x[i], L + i * n, i);
     }
 }
