@@ -82,7 +82,7 @@ static void speed_rows(const Problem *problem, int held, double d, double *L, Ar
         for (int j = 0; j <= i; ++j)
             S[i * all + j] = dot(C + i * free, C + j * free, free) + (i == j ? 1.0 : 0.0);
     cholesky(S, all);
-    for (int i = 0; i < all; ++i) { /* C <- S^-1 C, with the lower factor S */
+    for (int i = 0; i < all; ++i) { /* C <- S^-1 C, with what cholesky() makes of S */
         double *row = C + i * free, by = S[i * all + i];
         for (int p = 0; p < i; ++p) add_to(row, -S[i * all + p], C + p * free, free);
         for (int j = 0; j < free; ++j) row[j] *= by;

@@ -77,7 +77,8 @@ static int read_layout(PyTypeObject *type, Layout *layout)
     int slots = layout->count >= 0 && layout->count <= MOST_FIELDS;
     for (Py_ssize_t i = 0; slots && i < layout->count; ++i) {
         PyObject *slot = PyObject_GetAttr((PyObject *)type, PyTuple_GET_ITEM(names, i));
-        slots = slot != NULL && Py_IS_TYPE(slot, &PyMemberDescr_Type);
+        slots = slot != NULL && Py_IS_TYPE(slot, &PyMemberDescr_Type) &&
+                ((PyMemberDescrObject *)slot)->d_member->type == T_OBJECT_EX;
         if (slots) layout->places[i] = ((PyMemberDescrObject *)slot)->d_member->offset;
         Py_XDECREF(slot);
     }
