@@ -122,4 +122,5 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'rcmqp' has no attribute {name!r}")
-    return getattr(importlib.import_module(_MODULES[name]), name)
+    found = globals()[name] = getattr(importlib.import_module(_MODULES[name]), name)
+    return found

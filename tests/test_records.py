@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 
 import numpy as np
 import pinocchio as pin
@@ -32,6 +33,32 @@ def test_a_record_needs_every_field() -> None:
         record(Reference, 1, 2, 3)
     with pytest.raises(AttributeError, match="__match_args__"):
         record(int, 1)
+
+
+def test_a_record_keeps_what_it_is_made_of_and_lets_it_go() -> None:
+    values = [object() for _ in dataclasses.fields(Reference)]
+    before = [sys.getrefcount(value) for value in values]
+    made = [record(Reference, *values) for _ in range(3)]
+    assert [sys.getrefcount(value) for value in values] == [count + 3 for count in before]
+    del made
+    assert [sys.getrefcount(value) for value in values] == before
+
+
+def test_a_record_is_of_a_dataclass_with_slots() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Loose:
+        name: str = ""
+
+    with pytest.raises(TypeError, match=r"Loose is no dataclass with slots"):
+        record(Loose, "a")
+
+
+def test_more_classes_than_are_remembered_have_their_own_fields() -> None:
+    for k in range(40):
+        names = [f"f{(7 * k + i) % 5}" for i in range(k % 4 + 1)]
+        kind = dataclasses.make_dataclass(f"Kind{k}", names, frozen=True, slots=True)
+        made: object = record(kind, *range(len(names)))
+        assert [getattr(made, name) for name in names] == list(range(len(names)))
 
 
 def test_frozen_numbers_are_a_copy_that_cannot_be_written() -> None:

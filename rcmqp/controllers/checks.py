@@ -58,8 +58,17 @@ def check_gains(law: object, period: float) -> None:
 
 def is_usable(state: ArmState, reference: Reference) -> bool:
     """Whether fault() would find nothing, and every array is one that compiled code can read."""
-    numbers = (reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot)
-    return usable(state.J_local, state.q, state.v, state.a, *numbers, UNIT_TOLERANCE)
+    return usable(
+        state.J_local,
+        state.q,
+        state.v,
+        state.a,
+        reference.x_d,
+        reference.x_d_dot,
+        reference.pivot,
+        reference.pivot_dot,
+        UNIT_TOLERANCE,
+    )
 
 
 def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Reference]:

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 from rcmqp import _kernel
+from rcmqp._kernel import record
 from rcmqp.errors import OptionError
 from rcmqp.limits import Constraint, Limit
 from rcmqp.limits.base import CompiledLimit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level, WrongShape
+from rcmqp.qp.hierarchy import NO_VERDICTS
 from rcmqp.qp.levels import Answer, Bounds
 from rcmqp.references.view import Reference, cycle
 from rcmqp.tasks import ObjectiveTask, Residual, Task, Together
@@ -88,7 +90,8 @@ class Stack:
                     f"{block.bends:.0f} joints, here the wrist has {has}; make it for this "
                     "insertion: made_for(insertion, period)"
                 )
-        self._hierarchy = Hierarchy(backend)
+        self._hierarchy = hierarchy = Hierarchy(backend)
+        self._has_backend = hierarchy.asks is not None
         self._joints, self._nv = arm.joints, arm.nv
         self._level_names = tuple(level.name for level in self.levels)
         self._tasks = [task for task in tasks if block_of(task) is None]
@@ -110,7 +113,7 @@ class Stack:
             share=approach,
             period=period,
             guarded=guarded,
-            max_rounds=self._hierarchy.max_rounds,
+            max_rounds=hierarchy.max_rounds,
             names=tuple(numbers),
         )
 
@@ -129,6 +132,7 @@ class Stack:
             WrongShape: they give more rows than there is room for.
         """
         residuals, constraints, given = self._rows(state, reference) if self._asks else NOTHING
+        hierarchy = self._hierarchy if self._has_backend else None
         found = self._compiled.step(
             state.x,
             state.J_local,
@@ -141,15 +145,15 @@ class Stack:
             reference.pivot_dot,
             state.tool_at,
             given,
-            self._hierarchy.asks,
+            None if hierarchy is None else hierarchy.asks,
         )
         if found is None:
             raise self._refusal(residuals, constraints)
         v, numbers, summary, ends, m = found
         names = self._all_names(constraints) if constraints else self._names
-        answer = _kernel.record(Answer, numbers, ends, self._nv, m)
-        asked = self._hierarchy.verdicts()
-        solution = _kernel.record(HierarchySolution, v, names, answer, self._level_names, asked)
+        answer = record(Answer, numbers, ends, self._nv, m)
+        asked = NO_VERDICTS if hierarchy is None else hierarchy.verdicts()
+        solution = record(HierarchySolution, v, names, answer, self._level_names, asked)
         return v, summary, solution
 
     def problem(self, state: ArmState, reference: Reference) -> tuple[list[Level], Bounds]:

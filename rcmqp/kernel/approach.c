@@ -28,14 +28,16 @@ typedef struct {
     double acceleration, jerk;
 } Ability;
 
-/* What gives the joints' part in a direction: `least`, what they can do along any, is at hand; H,
- * the factor that says what they can do along one, is made where it decides something. */
+/* What gives the joints' part in a direction: `least`, what they can do along any, is at hand. What
+ * they can do along one is found where it decides something. With B (k, n) the rows above, heavy,
+ * then the task's, and d the damping, K is the factor of d^2 I + B B^T (k, k) or, where that is
+ * smaller, of d^2 I + B^T B (n, n). */
 typedef struct {
     const Brakes *brakes;
     const Approached *task;
     Ability least;
-    double *H, *w; /* (n, n), (n) */
-    int made;
+    int k, made;
+    double *K, *w, *z; /* (k, k) or (n, n); (n); (k) */
 } Joints;
 
 static double size_of_vector(const double *x, int m) { return sqrt(dot(x, x, m)); }
@@ -48,9 +50,10 @@ static double damping_of(const Approached *task)
 /* |w_j| is at most 1 / (2 damping) below, as damping^2 |w|^2 <= |A w| - |A w|^2. */
 static Joints make_joints(const Brakes *brakes, const Approached *task, Arena *arena)
 {
-    const int n = brakes->n;
+    const int n = brakes->n, k = task->above_rows + task->m, size = k < n ? k : n;
     const double by = LESS * 2.0 * damping_of(task);
-    Joints joints = {brakes, task, {INFINITY, INFINITY}, take(arena, n * n), take(arena, n), 0};
+    Joints joints = {brakes, task, {INFINITY, INFINITY}, k, 0, take(arena, size * size),
+                     take(arena, n), take(arena, k)};
     for (int p = 0; p < n; ++p) {
         joints.least.acceleration = smaller(joints.least.acceleration, by * brakes->acceleration[p]);
         joints.least.jerk = smaller(joints.least.jerk, by * brakes->jerk[p]);
@@ -58,37 +61,54 @@ static Joints make_joints(const Brakes *brakes, const Approached *task, Arena *a
     return joints;
 }
 
-static void factor_joints(Joints *joints)
+/* Row i of B without its weight, and that. */
+static const double *row_of(const Joints *joints, int i, double *weight)
 {
     const Approached *task = joints->task;
-    const int n = joints->brakes->n;
-    const double by = damping_of(task);
-    for (int p = 0; p < n; ++p)
-        for (int q = 0; q <= p; ++q) {
-            double total = p == q ? by * by : 0.0;
-            for (int i = 0; i < task->m; ++i) total += task->A[i * n + p] * task->A[i * n + q];
-            for (int i = 0; i < task->above_rows; ++i)
-                total += ABOVE_WEIGHT * task->above[i * n + p] * task->above[i * n + q];
-            joints->H[p * n + q] = total;
+    const int n = joints->brakes->n, above = task->above_rows;
+    *weight = i < above ? sqrt(ABOVE_WEIGHT) : 1.0;
+    return i < above ? task->above + i * n : task->A + (i - above) * n;
+}
+
+static void factor_joints(Joints *joints)
+{
+    const int n = joints->brakes->n, k = joints->k, size = k < n ? k : n;
+    const double damping = damping_of(joints->task);
+    double *K = joints->K, by, other;
+    memset(K, 0, sizeof(double) * (size_t)(size * size));
+    for (int i = 0; i < k; ++i) {
+        const double *row = row_of(joints, i, &by);
+        for (int j = 0; j <= i && k < n; ++j) {
+            const double *before = row_of(joints, j, &other);
+            K[i * k + j] = by * other * dot(row, before, n);
         }
-    cholesky(joints->H, n);
+        for (int p = 0; p < n && k >= n; ++p) {
+            const double part = by * by * row[p];
+            if (part != 0.0) add_to(K + p * n, part, row, p + 1);
+        }
+    }
+    for (int i = 0; i < size; ++i) K[i * size + i] += damping * damping;
+    cholesky(K, size);
     joints->made = 1;
 }
 
-/* min_j limit_j / |w_j| of acceleration and jerk, with w = [above; A]^+ [0; x / |x|], damped. */
+/* min_j limit_j / |w_j| of acceleration and jerk, with w = [above; A]^+ [0; x / |x|], damped:
+ * w = B^T (d^2 I + B B^T)^-1 [0; x / |x|] = (d^2 I + B^T B)^-1 B^T [0; x / |x|]. */
 static Ability ability(Joints *joints, const double *x, double size)
 {
     const Brakes *brakes = joints->brakes;
-    const Approached *task = joints->task;
-    const int n = brakes->n;
-    double *w = joints->w;
+    const int n = brakes->n, k = joints->k, above = joints->task->above_rows;
+    double *w = joints->w, *z = joints->z, by;
     Ability found = {INFINITY, INFINITY};
     if (!joints->made) factor_joints(joints);
-    for (int p = 0; p < n; ++p) {
-        w[p] = 0.0;
-        for (int i = 0; i < task->m; ++i) w[p] += task->A[i * n + p] * (x[i] / size);
+    for (int i = 0; i < k; ++i) z[i] = i < above ? 0.0 : x[i - above] / size;
+    if (k < n) cholesky_solve(joints->K, k, z);
+    memset(w, 0, sizeof(double) * (size_t)n);
+    for (int i = k < n ? 0 : above; i < k; ++i) {
+        const double *row = row_of(joints, i, &by);
+        add_to(w, by * z[i], row, n);
     }
-    cholesky_solve(joints->H, n, w, 1);
+    if (k >= n) cholesky_solve(joints->K, n, w);
     for (int p = 0; p < n; ++p) {
         const double part = fabs(w[p]);
         if (brakes->acceleration[p] < INFINITY)

@@ -71,6 +71,9 @@ static inline int count_of(PyObject *object, long most, const char *name)
 /* Whatever numpy makes an array of, as float64, C-contiguous; itself where it is that already. */
 static inline PyArrayObject *numbers_in(PyObject *object)
 {
+    PyArrayObject *array = (PyArrayObject *)object;
+    if (PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY_RO(array))
+        return (PyArrayObject *)Py_NewRef(object);
     return (PyArrayObject *)PyArray_FROM_OTF(object, NPY_DOUBLE, NPY_ARRAY_IN_ARRAY);
 }
 

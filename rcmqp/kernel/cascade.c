@@ -27,126 +27,108 @@ double norm_of(const double *x, int count)
     return largest;
 }
 
-/* A row in the free coordinates, times a factor: row Z (free). */
-static void along(const State *state, const double *row, double by, double *found)
+/* Rows (count, n) in the free coordinates, times a factor: rows Z^T (count, free). */
+static void along(const State *state, const double *rows, int count, double by, double *found)
 {
     const int n = state->n, free = state->free;
-    for (int j = 0; j < free; ++j) found[j] = 0.0;
-    for (int p = 0; p < n; ++p) {
-        const double *Z = state->Z + p * n, part = row[p];
-        for (int j = 0; j < free; ++j) found[j] += part * Z[j];
-    }
-    for (int j = 0; j < free; ++j) found[j] *= by;
+    for (int i = 0; i < count; ++i)
+        for (int j = 0; j < free; ++j)
+            found[i * free + j] = by * dot(rows + i * n, state->Z + j * n, n);
 }
 
-/* Z <- Z Q[:, rank:]; Q (free, free). */
-static void turn(State *state, const double *Q, int rank, Arena *arena)
+/* Turn Z so that its first rows span those of a matrix (k, free), and drop them. */
+static void turn(State *state, const Rows *rows, Arena *arena)
 {
-    const size_t mark = arena->used;
-    const int n = state->n, free = state->free;
-    double *line = take(arena, free);
-    for (int i = 0; i < n; ++i) {
-        memcpy(line, state->Z + i * n, sizeof(double) * (size_t)free);
-        for (int j = rank; j < free; ++j) {
-            double total = 0.0;
-            for (int p = 0; p < free; ++p) total += line[p] * Q[p * free + j];
-            state->Z[i * n + j - rank] = total;
-        }
+    const int n = state->n, left = state->free - rows->rank;
+    if (left > 0) {
+        reflect_rows(rows, state->free, state->Z, n, arena);
+        memmove(state->Z, state->Z + rows->rank * n, sizeof(double) * (size_t)(left * n));
     }
-    state->free = free - rank;
-    arena->used = mark;
+    state->free = left;
 }
 
-/* Take the span of rows (count, n), of about unit norm, out of the free directions. */
-void narrow(State *state, const double *rows, int count, double tol, Arena *arena)
+/* Take the span of rows B (count, free), of about unit norm, out of the free directions; B is
+ * spent. */
+static void narrow(State *state, double *B, int count, double tol, Arena *arena)
 {
     const size_t mark = arena->used;
-    const int free = state->free;
-    double *B = take(arena, count * free), *L = take(arena, count * free);
-    double *Q = take(arena, free * free);
-    int *order = (int *)take(arena, count);
-    for (int i = 0; i < count; ++i) along(state, rows + i * state->n, 1.0, B + i * free);
-    turn(state, Q, factor(B, count, free, tol, L, Q, order, arena), arena);
+    Rows rows = {0, B, take(arena, state->free), (int *)take(arena, count)};
+    rows.rank = reduce(B, count, state->free, tol, rows.beta, rows.order);
+    turn(state, &rows, arena);
     arena->used = mark;
 }
 
 static void move(State *state, const double *y)
 {
-    for (int p = 0; p < state->n; ++p) state->v[p] += dot(state->Z + p * state->n, y, state->free);
+    const int n = state->n;
+    for (int j = 0; j < state->free; ++j) add_to(state->v, y[j], state->Z + j * n, n);
 }
 
 /* What counts as dependent in rows that were divided by `weight`. */
 static double resolution(double weight) { return larger(RESOLUTION / weight, ROUNDING); }
 
-/* Rows of a damped level's speed: L Z^T (free, n), see cascade.h. */
-static void speed_rows(const State *state, const Level *level, double *speed, Arena *arena)
+/* L (free, free) of a damped level, see cascade.h, for the damping d: L = d (I + C^T C)^-1, which
+ * is d (I - C^T (I + C C^T)^-1 C). M holds the rows of C: `held` ones, then the level's. */
+static void speed_rows(const Problem *problem, int held, double d, double *L, Arena *arena)
 {
     const size_t mark = arena->used;
-    const int n = state->n, free = state->free, m = level->m, all = m + state->held;
-    double *C = take(arena, all * free), *W = take(arena, all * free);
-    double *S = take(arena, all * all), *L = take(arena, free * free);
-    for (int i = 0; i < m; ++i)
-        along(state, level->A + i * n, 1.0 / level->damping, C + i * free);
-    for (int i = 0; i < state->held; ++i)
-        along(state, state->H + i * n, EXCHANGE, C + (m + i) * free);
+    const int free = problem->r, all = problem->m - free;
+    double *C = take(arena, all * free), *S = take(arena, all * all);
+    for (int i = 0; i < all; ++i) {
+        const double by = problem->weight * (i < held ? EXCHANGE : 1.0 / d);
+        for (int j = 0; j < free; ++j) C[i * free + j] = by * problem->M[i * free + j];
+    }
     for (int i = 0; i < all; ++i)
         for (int j = 0; j <= i; ++j)
             S[i * all + j] = dot(C + i * free, C + j * free, free) + (i == j ? 1.0 : 0.0);
-    memcpy(W, C, sizeof(double) * (size_t)(all * free));
     cholesky(S, all);
-    cholesky_solve(S, all, W, free); /* (I + C^T C)^-1 = I - C^T (I + C C^T)^-1 C */
-    for (int i = 0; i < free; ++i)
-        for (int j = 0; j < free; ++j) {
-            double total = i == j ? 1.0 : 0.0;
-            for (int p = 0; p < all; ++p) total -= C[p * free + i] * W[p * free + j];
-            L[i * free + j] = level->damping * total;
-        }
-    for (int i = 0; i < free; ++i)
-        for (int p = 0; p < n; ++p) speed[i * n + p] = dot(L + i * free, state->Z + p * n, free);
+    for (int i = 0; i < all; ++i) { /* C <- S^-1 C, with what cholesky() makes of S */
+        double *row = C + i * free, by = S[i * all + i];
+        for (int p = 0; p < i; ++p) add_to(row, -S[i * all + p], C + p * free, free);
+        for (int j = 0; j < free; ++j) row[j] *= by;
+    }
+    for (int i = 0; i < free; ++i) {
+        double *row = L + i * free;
+        memset(row, 0, sizeof(double) * (size_t)free);
+        row[i] = d;
+        for (int p = 0; p < all; ++p) add_to(row, -d * C[p * free + i], C + p * free, free);
+    }
     arena->used = mark;
 }
 
-/* Rows of a damped level's steps inside bounds, whose square is Z (d^2 + L^2) Z^T, see cascade.h;
- * L = 0 where the speed's damping is the level's own, d. */
-static void step_rows(const State *state, const Level *level, double *speed, Arena *arena)
+/* The same inside bounds, where L^T L is d^2 I, or d^2 I + L_m^2 where the speed's damping is more
+ * than the level's own, d. */
+static void step_rows(const Problem *problem, int held, const Level *level, double *L,
+                      Arena *arena)
 {
     const size_t mark = arena->used;
-    const int n = state->n, free = state->free;
+    const int free = problem->r;
     const double square = level->damping * level->damping;
     const double more = level->speed * level->speed - square;
     double *S = take(arena, free * free);
-    if (more > 0.0) {
-        Level held_back = *level;
-        held_back.damping = sqrt(more);
-        speed_rows(state, &held_back, speed, arena);
-    }
+    if (more > 0.0) speed_rows(problem, held, sqrt(more), L, arena);
     for (int i = 0; i < free; ++i)
         for (int j = 0; j <= i; ++j)
             S[i * free + j] = (i == j ? square : 0.0) +
-                              (more > 0.0 ? dot(speed + i * n, speed + j * n, n) : 0.0);
+                              (more > 0.0 ? dot(L + i * free, L + j * free, free) : 0.0);
     cholesky(S, free);
-    for (int i = 0; i < free; ++i)
-        for (int p = 0; p < n; ++p) {
-            double total = 0.0;
-            for (int j = i; j < free; ++j) total += S[j * free + i] * state->Z[p * n + j];
-            speed[i * n + p] = total;
-        }
+    for (int i = 0; i < free; ++i) {
+        for (int j = 0; j < free; ++j) L[i * free + j] = j < i ? 0.0 : S[j * free + i];
+        L[i * free + i] = 1.0 / S[i * free + i];
+    }
     arena->used = mark;
 }
 
-/* One row a v = b, divided by `weight`, as row i of M and c; returns a v. */
-static double add_row(const State *state, const double *a, double b, double weight, int i,
-                      Problem *problem)
+/* What is missing of a row of `count` numbers at x, divided by the level's norm, as row i of c, and
+ * its rounding error, which only bounds ask for; returns row x. */
+static double miss(const Problem *problem, const double *row, const double *x, int count, double b,
+                   int i, int bounded)
 {
-    const double by = 1.0 / weight;
-    double av = 0.0, noise = fabs(b);
-    for (int p = 0; p < state->n; ++p) {
-        const double term = a[p] * state->v[p];
-        av += term, noise += fabs(term);
-    }
-    problem->c[i] = by * (b - av), problem->noise[i] = EPS * by * noise;
-    along(state, a, by, problem->M + i * state->free);
-    return by * av;
+    const double by = 1.0 / problem->weight, value = dot(row, x, count);
+    double noise = fabs(b);
+    for (int p = 0; p < count && bounded; ++p) noise += fabs(row[p] * x[p]);
+    problem->c[i] = by * (b - value), problem->noise[i] = EPS * by * noise;
+    return by * value;
 }
 
 /* What row i of the damped levels above is to be. */
@@ -155,14 +137,38 @@ static double held_to(const State *state, const Level *level, int i)
     return state->h[i] + (level->damping > 0.0 ? 0.0 : state->shift[i]);
 }
 
-/* A level in the free coordinates; rows (N) says which bound each row of R is. speed (n, n) and
- * still (n), what its rows are when the speed costs nothing, are filled in where the level is
- * damped. */
-void make_problem(const State *state, const Level *level, Problem *problem, double *speed,
+/* The speed of a damped level: its rows L (free, free) along Z, and `still` (free), what they are
+ * when the speed costs nothing; as rows of M and c from `first` on. */
+static void add_speed(const State *state, const Level *level, Problem *problem, int first,
+                      double *L, double *still, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int free = state->free;
+    double *speed = take(arena, free), *from = take(arena, free);
+    if (level->from == NULL) {
+        speed_rows(problem, state->held, level->damping, L, arena);
+    } else {
+        step_rows(problem, state->held, level, L, arena);
+        along(state, level->from, 1, 1.0, from);
+    }
+    along(state, state->v, 1, 1.0, speed);
+    const double by = 1.0 / problem->weight;
+    for (int i = 0; i < free * free; ++i) problem->M[first * free + i] = by * L[i];
+    for (int i = 0; i < free; ++i) {
+        still[i] = level->from == NULL ? 0.0 : dot(L + i * free, from, free);
+        miss(problem, L + i * free, speed, free, still[i], first + i, state->N);
+    }
+    arena->used = mark;
+}
+
+/* A level in the free coordinates, heavy rows first: those of the damped levels above, its own, its
+ * speed. rows (N) says which bound each row of R is. L (n, n) and still (n) are filled in where the
+ * level is damped, see add_speed(). */
+void make_problem(const State *state, const Level *level, Problem *problem, double *L,
                   double *still, int *rows, Arena *arena)
 {
-    const int n = state->n, free = state->free, N = state->N, m = level->m;
-    const int damped = level->damping > 0.0 ? free : 0, all = m + damped + state->held;
+    const int n = state->n, free = state->free, N = state->N, m = level->m, held = state->held;
+    const int damped = level->damping > 0.0 ? free : 0, all = held + m + damped;
     double *M = take(arena, all * free), *c = take(arena, all), *noise = take(arena, all);
     double *R = take(arena, N * free), *lower = take(arena, N), *upper = take(arena, N);
     const double weight = norm_of(level->A, m * n);
@@ -170,29 +176,21 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
     *problem = (Problem){all, free, 0, M, c, noise, R, lower, upper, weight, 0.0, 0.0};
     if (weight == 0.0) return;
     problem->tol = resolution(weight);
+    along(state, state->H, held, 1.0 / weight, M);
+    along(state, level->A, m, 1.0 / weight, M + held * free);
+    for (int i = 0; i < held; ++i)
+        miss(problem, state->H + i * n, state->v, n, held_to(state, level, i), i, N);
     for (int i = 0; i < m; ++i) {
-        const double Av = add_row(state, level->A + i * n, level->b[i], weight, i, problem);
+        const double Av = miss(problem, level->A + i * n, state->v, n, level->b[i], held + i, N);
         total += Av * Av;
     }
     problem->scale = norm_of(level->b, m) / weight + sqrt(total);
-    if (damped) {
-        if (level->from == NULL) {
-            speed_rows(state, level, speed, arena);
-        } else {
-            step_rows(state, level, speed, arena);
-        }
-        for (int i = 0; i < free; ++i) {
-            still[i] = level->from == NULL ? 0.0 : dot(speed + i * n, level->from, n);
-            add_row(state, speed + i * n, still[i], weight, m + i, problem);
-        }
-    }
-    for (int i = 0; i < state->held; ++i)
-        add_row(state, state->H + i * n, held_to(state, level, i), weight, m + damped + i, problem);
+    if (damped) add_speed(state, level, problem, held + m, L, still, arena);
     for (int i = 0; i < N; ++i) {
         if (state->lower[i] == -INFINITY && state->upper[i] == INFINITY) continue;
         const double Gv = dot(state->G + i * n, state->v, n);
         double *row = R + problem->k * free;
-        along(state, state->G + i * n, 1.0, row);
+        along(state, state->G + i * n, 1, 1.0, row);
         if (!(dot(row, row, free) > FIXED * FIXED)) continue;
         lower[problem->k] = smaller(state->lower[i] - Gv, 0.0);
         upper[problem->k] = larger(state->upper[i] - Gv, 0.0);
@@ -265,7 +263,9 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
                     continue;
                 memcpy(A + count++ * n, state->G + i * n, sizeof(double) * (size_t)n);
             }
-            narrow(state, A, count, RESOLUTION, arena);
+            double *B = take(arena, count * state->free);
+            along(state, A, count, 1.0, B);
+            narrow(state, B, count, RESOLUTION, arena);
             break;
         }
         if (round == max_rounds) {
@@ -298,18 +298,18 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
     return route;
 }
 
-/* Take a strict level's rows out of what is free, and `count` bounds that are active at every
- * optimum of it. */
-static void keep(State *state, const Level *level, double weight, const int *bounds, int count,
+/* Take a strict level's rows out of what is free: M (m, free), of unit norm together, which were
+ * divided by `weight`; and `count` bounds that are active at every optimum of it. */
+static void keep(State *state, const double *M, int m, double weight, const int *bounds, int count,
                  Arena *arena)
 {
     const size_t mark = arena->used;
-    const int n = state->n, m = level->m;
-    double *kept = take(arena, (m + count) * n);
-    for (int i = 0; i < m * n; ++i) kept[i] = level->A[i] / weight;
+    const int n = state->n, free = state->free;
+    double *B = take(arena, (m + count) * free);
+    memcpy(B, M, sizeof(double) * (size_t)(m * free));
     for (int i = 0; i < count; ++i)
-        memcpy(kept + (m + i) * n, state->G + bounds[i] * n, sizeof(double) * (size_t)n);
-    narrow(state, kept, m + count, resolution(weight), arena);
+        along(state, state->G + bounds[i] * n, 1, 1.0, B + (m + i) * free);
+    narrow(state, B, m + count, resolution(weight), arena);
     arena->used = mark;
 }
 
@@ -317,10 +317,15 @@ static void keep(State *state, const Level *level, double weight, const int *bou
  * `held` rows were there before it. */
 void keep_exactly(State *state, const Level *level, int held, Arena *arena)
 {
+    const size_t mark = arena->used;
     const double weight = norm_of(level->A, level->m * state->n);
+    double *M = take(arena, level->m * state->free);
     state->held = held;
-    if (weight == 0.0 || !(weight < LARGEST)) return;
-    keep(state, level, weight, NULL, 0, arena);
+    if (weight > 0.0 && weight < LARGEST) {
+        along(state, level->A, level->m, 1.0 / weight, M);
+        keep(state, M, level->m, weight, NULL, 0, arena);
+    }
+    arena->used = mark;
 }
 
 /* One level: move to its optimum, and keep A v from now on, exactly or as a damped level does.
@@ -331,12 +336,12 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
               double *speed, double *still, double *multipliers, int *rounds, Arena *arena)
 {
     const size_t mark = arena->used;
-    const int free = state->free, m = level->m;
-    const int all = m + state->held + (level->damping > 0.0 ? free : 0);
-    double *y = take(arena, free), *Q = take(arena, free * free);
+    const int free = state->free, m = level->m, held = state->held;
+    double *y = take(arena, free);
     int *index = (int *)take(arena, state->N), range;
     Route route = CLOSED_FORM;
     Problem problem;
+    Rows rows;
     *rounds = 0;
     if (free == 0 || m == 0) return CLOSED_FORM;
     make_problem(state, level, &problem, speed, still, index, arena);
@@ -346,17 +351,18 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
         route = KEPT;
         goto done;
     }
-    const int strict = !(level->damping > 0.0) && !level->last, alone = state->held == 0;
-    const int rank = pseudo_solve(problem.M, all, free, problem.c, problem.tol, y,
-                                  strict && alone ? Q : NULL, NULL, &range, arena);
+    const double *own = problem.M + held * free;
+    const int strict = !(level->damping > 0.0) && !level->last, alone = held == 0;
+    const int rank = pseudo_solve(problem.M, problem.m, free, problem.c, problem.tol, y,
+                                  strict && alone ? &rows : NULL, NULL, &range, arena);
     if (rank >= 0 && feasible(&problem, y)) {
         move(state, y);
         if (level->damping > 0.0)
             hold(state, level);
         else if (strict && alone)
-            turn(state, Q, rank, arena);
+            turn(state, &rows, arena);
         else if (strict)
-            keep(state, level, problem.weight, NULL, 0, arena);
+            keep(state, own, m, problem.weight, NULL, 0, arena);
         goto done;
     }
     double *guess = take(arena, k), *lam = take(arena, k);
@@ -392,7 +398,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     if (level->damping > 0.0)
         hold(state, level);
     else if (strict)
-        keep(state, level, problem.weight, strong, count, arena);
+        keep(state, own, m, problem.weight, strong, count, arena);
 done:
     arena->used = mark;
     return route;
@@ -406,7 +412,7 @@ static double add_gradient(const double *rows, const double *b, int count, const
     for (int i = 0; i < count; ++i) {
         const double wanted = b == NULL ? 0.0 : b[i];
         const double residual = dot(rows + i * n, v, n) - wanted;
-        for (int p = 0; p < n; ++p) gradient[p] += rows[i * n + p] * residual;
+        add_to(gradient, residual, rows + i * n, n);
         square += residual * residual, goal += wanted * wanted;
     }
     return norm_of(rows, count * n) * sqrt(larger(square, goal));
@@ -414,20 +420,25 @@ static double add_gradient(const double *rows, const double *b, int count, const
 
 /* Residual of a level's optimality conditions at v, from the problem's own numbers.
  *
- * The larger of: gradient plus G^T multipliers along Z (n, n), its first `free` columns, what was
+ * The larger of: gradient plus G^T multipliers along Z (n, n), its first `free` rows, what was
  * free before the level, and multiplier times slack at the bound of the multiplier's sign, over
  * `small`; both over the size of the gradient's terms, or `small`. The state's held rows are those
- * of the level; speed (free, n) and still (free) its rows of the speed, where it is damped. */
-double kkt_residual(const State *state, const Level *level, const double *v, const double *speed,
-                    const double *still, const double *multipliers, const double *Z, int free, double small,
-                    Arena *arena)
+ * of the level; L (free, free) and still (free) those of its speed, where it is damped. */
+double kkt_residual(const State *state, const Level *level, const double *v, const double *L,
+                    const double *still, const double *multipliers, const double *Z, int free,
+                    double small, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = state->n;
     double *gradient = take(arena, n), worst = 0.0;
     memset(gradient, 0, sizeof(double) * (size_t)n);
     double scale = add_gradient(level->A, level->b, level->m, v, n, gradient);
-    if (level->damping > 0.0) scale += add_gradient(speed, still, free, v, n, gradient);
+    double *speed = take(arena, free), *parts = take(arena, free);
+    memset(parts, 0, sizeof(double) * (size_t)free);
+    if (level->damping > 0.0) {
+        for (int j = 0; j < free; ++j) speed[j] = dot(Z + j * n, v, n);
+        scale += add_gradient(L, still, free, speed, free, parts);
+    }
     double *held = take(arena, state->held);
     for (int i = 0; i < state->held; ++i) held[i] = held_to(state, level, i);
     const double weight = norm_of(state->H, state->held * n);
@@ -442,8 +453,7 @@ double kkt_residual(const State *state, const Level *level, const double *v, con
         worst = larger(worst, fabs(lam * slack) / small);
     }
     for (int j = 0; j < free; ++j) {
-        double part = 0.0;
-        for (int p = 0; p < n; ++p) part += Z[p * n + j] * gradient[p];
+        const double part = parts[j] + dot(Z + j * n, gradient, n);
         if (!(fabs(part) <= worst)) worst = fabs(part);
     }
     arena->used = mark;

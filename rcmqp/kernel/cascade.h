@@ -83,9 +83,9 @@ typedef struct {
 /* A feasible point and the directions in which it may still move. */
 typedef struct {
     int n, N;      /* unknowns; bounds: the box, then the hard rows */
-    int free;      /* columns of Z that count */
+    int free;      /* rows of Z that count */
     double *v;     /* (n) the point */
-    double *Z;     /* (n, n) orthonormal basis of the free directions, n apart */
+    double *Z;     /* (n, n) its rows are an orthonormal basis of the free directions */
     double *G;     /* (N, n) the identity, then the hard rows scaled to unit norm */
     double *norms; /* (N) what the rows were divided by: 1 for the box, 0 for zero rows */
     double *lower; /* (N) bounds on G v */
@@ -99,10 +99,8 @@ typedef struct {
 
 double norm_of(const double *x, int count);
 
-void make_problem(const State *state, const Level *level, Problem *problem, double *speed,
+void make_problem(const State *state, const Level *level, Problem *problem, double *L,
                   double *still, int *rows, Arena *arena);
-
-void narrow(State *state, const double *rows, int count, double tol, Arena *arena);
 
 Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
                    double *still, double *multipliers, int *rounds, Arena *arena);
@@ -112,8 +110,8 @@ void keep_exactly(State *state, const Level *level, int held, Arena *arena);
 Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
               double *speed, double *still, double *multipliers, int *rounds, Arena *arena);
 
-double kkt_residual(const State *state, const Level *level, const double *v, const double *speed,
-                    const double *still, const double *multipliers, const double *Z, int free, double small,
-                    Arena *arena);
+double kkt_residual(const State *state, const Level *level, const double *v, const double *L,
+                    const double *still, const double *multipliers, const double *Z, int free,
+                    double small, Arena *arena);
 
 #endif

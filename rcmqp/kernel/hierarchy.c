@@ -46,9 +46,9 @@ typedef struct {
     double *A;    /* (rows, n) without entries below the resolution, which decide nothing */
     double *goal; /* (rows) b */
     double *Zs;   /* (levels + 1, n, n) what was free before each level */
-    int *frees;   /* (levels + 1) how many columns of each count */
+    int *frees;   /* (levels + 1) how many rows of each count */
     double *vs;   /* (levels + 1, n) the optimum of each level; v in the end is that of the last */
-    double *speeds; /* (levels + 1, n, n) rows of a damped level's speed */
+    double *speeds; /* (levels + 1, n, n) L of a damped level's speed, see cascade.h */
     int *helds;   /* (levels + 1) rows of damped levels before each level */
     double *damping; /* (levels + 1) of each level as it was solved */
     double *stills;  /* (levels + 1, n) where a damped level's speed counts from, times its rows */
@@ -106,7 +106,7 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
         if (low > up) low = up = 0.5 * low + 0.5 * up;
         state->lower[i] = low, state->upper[i] = up;
         state->norms[i] = state->G[i * n + i] = 1.0;
-        if (low < up) state->Z[i * n + state->free++] = 1.0;
+        if (low < up) state->Z[state->free++ * n + i] = 1.0;
         if (hierarchy->max_rounds == 0)
             v[i] /= made.unit;
         else
@@ -222,7 +222,8 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
             give_way(hierarchy, descent, open.v, k);
             Level level = level_of(hierarchy, descent, descent->aim, k);
             Route route = descend(&open, &level, 1, none, 1, speed, still, none, &rounds, arena);
-            const double left = missing(&level, open.v, n) * descent->unit;
+            const double left =
+                k > hierarchy->guarded ? 0.0 : missing(&level, open.v, n) * descent->unit;
             if (route == CLOSED_FORM && unreached(hierarchy, &level, k, left)) {
                 level.damping = descent->damping[k] = unreached_damping(left);
                 open.free = descent->frees[k];
@@ -278,12 +279,7 @@ static void go_back(Descent *descent, const double *before, int k)
 
 static int is_finite(const State *state)
 {
-    for (int i = 0; i < state->n; ++i) {
-        if (!(fabs(state->v[i]) < INFINITY)) return 0;
-        for (int j = 0; j < state->free; ++j)
-            if (!(fabs(state->Z[i * state->n + j]) < INFINITY)) return 0;
-    }
-    return 1;
+    return are_finite(state->v, state->n) && are_finite(state->Z, state->free * state->n);
 }
 
 /* What the levels one by one work with. */

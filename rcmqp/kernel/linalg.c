@@ -4,22 +4,21 @@
 #include <string.h>
 
 /* x (r) <- reflector j of L, see reduce(), times x. */
-static void reflect(const double *L, int r, int j, const double *head, double *x)
+static inline void reflect(const double *restrict L, int r, int j, const double *beta,
+                           double *restrict x)
 {
-    const double *u = L + j * r + j + 1;
-    double *tail = x + j + 1;
-    const int count = r - j - 1;
-    const double by = -(head[j] * x[j] + dot(u, tail, count)) / (L[j * r + j] * head[j]);
-    x[j] -= by * head[j];
-    for (int p = 0; p < count; ++p) tail[p] -= by * u[p];
+    const double *u = L + j * r;
+    const double by = beta[j] * (x[j] + dot(u + j + 1, x + j + 1, r - j - 1));
+    x[j] -= by;
+    add_to(x + j + 1, -by, u + j + 1, r - j - 1);
 }
 
 /* L (k, r) in place, by Householder with row pivoting: L[order] is lower trapezoidal times Q1^T.
  *
  * Above its diagonal, row j keeps the reflector 1 - beta u u^T that made it: u from column j + 1
- * on, its first number in head (min(k, r)). Returns the rank: rows with less than tol left of them
- * are dependent. */
-static int reduce(double *L, int k, int r, double tol, double *head, int *order)
+ * on, u_j = 1; beta (min(k, r)). Returns the rank: rows with less than tol left of them are
+ * dependent. */
+int reduce(double *L, int k, int r, double tol, double *beta, int *order)
 {
     int rank = 0;
     for (int i = 0; i < k; ++i) order[i] = i;
@@ -41,32 +40,50 @@ static int reduce(double *L, int k, int r, double tol, double *head, int *order)
             }
         }
         double *u = L + j * r;
-        const double alpha = u[j] > 0.0 ? -norm : norm;
-        head[j] = u[j] - alpha, u[j] = alpha;
-        for (int i = j + 1; i < k; ++i) reflect(L, r, j, head, L + i * r);
+        const double alpha = u[j] > 0.0 ? -norm : norm, head = u[j] - alpha, by = 1.0 / head;
+        beta[j] = -head / alpha, u[j] = alpha;
+        for (int p = j + 1; p < r; ++p) u[p] *= by;
+        for (int i = j + 1; i < k; ++i) reflect(L, r, j, beta, L + i * r);
         ++rank;
     }
     return rank;
 }
 
+/* X (r, n) <- Q^T X, with Q (r, r) the product of the rows' reflectors: then the first `rank` rows
+ * of it lie along the rows, the others are apart from them. */
+void reflect_rows(const Rows *rows, int r, double *X, int n, Arena *arena)
+{
+    const size_t mark = arena->used;
+    double *sum = take(arena, n);
+    for (int j = 0; j < rows->rank; ++j) {
+        const double *u = rows->L + j * r;
+        memcpy(sum, X + j * n, sizeof(double) * (size_t)n);
+        for (int i = j + 1; i < r; ++i) add_to(sum, u[i], X + i * n, n);
+        add_to(X + j * n, -rows->beta[j], sum, n);
+        for (int i = j + 1; i < r; ++i) add_to(X + i * n, -rows->beta[j] * u[i], sum, n);
+    }
+    arena->used = mark;
+}
+
+/* Room for the rows of a matrix (k, r). */
+void make_rows(Rows *rows, int k, int r, Arena *arena)
+{
+    *rows = (Rows){0, take(arena, k * r), take(arena, r), (int *)take(arena, k)};
+}
+
 /* Q (r, r), the product of the reflectors of L. */
-static void expand(const double *L, int r, int rank, const double *head, double *Q, Arena *arena)
+static void expand(const double *L, int r, int rank, const double *beta, double *Q, Arena *arena)
 {
     const size_t mark = arena->used;
     double *sum = take(arena, r);
     memset(Q, 0, sizeof(double) * (size_t)(r * r));
     for (int i = 0; i < r; ++i) Q[i * r + i] = 1.0;
     for (int j = rank - 1; j >= 0; --j) {
-        const double beta = -1.0 / (L[j * r + j] * head[j]);
-        for (int c = j; c < r; ++c) sum[c] = 0.0;
-        for (int i = j; i < r; ++i) {
-            const double u = i == j ? head[j] : L[j * r + i];
-            for (int c = j; c < r; ++c) sum[c] += u * Q[i * r + c];
-        }
-        for (int i = j; i < r; ++i) {
-            const double by = beta * (i == j ? head[j] : L[j * r + i]);
-            for (int c = j; c < r; ++c) Q[i * r + c] -= by * sum[c];
-        }
+        const double *u = L + j * r;
+        memcpy(sum, Q + j * r + j, sizeof(double) * (size_t)(r - j));
+        for (int i = j + 1; i < r; ++i) add_to(sum, u[i], Q + i * r + j, r - j);
+        add_to(Q + j * r + j, -beta[j], sum, r - j);
+        for (int i = j + 1; i < r; ++i) add_to(Q + i * r + j, -beta[j] * u[i], sum, r - j);
     }
     arena->used = mark;
 }
@@ -80,89 +97,102 @@ int factor(const double *A, int k, int r, double tol, double *L, double *Q, int 
            Arena *arena)
 {
     const size_t mark = arena->used;
-    double *head = take(arena, r);
+    double *beta = take(arena, r);
     memcpy(L, A, sizeof(double) * (size_t)(k * r));
-    const int rank = reduce(L, k, r, tol, head, order);
-    expand(L, r, rank, head, Q, arena);
+    const int rank = reduce(L, k, r, tol, beta, order);
+    expand(L, r, rank, beta, Q, arena);
     for (int j = 0; j < rank; ++j)
         for (int p = j + 1; p < r; ++p) L[j * r + p] = 0.0;
     arena->used = mark;
     return rank;
 }
 
-/* Least squares of least norm: y (r) = M^+ c, refined once; rows of M (m, r)
- * with less than tol left of them are dependent.
+/* M w = left (m, spent) in least squares, where T (r, m) is M^T after reduce(), all r rows of it
+ * independent. */
+static void solve_columns(const double *T, int r, int m, const double *beta, const int *turn,
+                          double *restrict left, double *w)
+{
+    for (int j = 0; j < r; ++j) reflect(T, m, j, beta, left);
+    for (int j = r - 1; j >= 0; --j) {
+        const double part = w[turn[j]] = left[j] / T[j * m + j];
+        add_to(left, -part, T + j * m, j);
+    }
+}
+
+/* Least squares of least norm: y (r) = M^+ c, refined once; rows, and columns, of M (m, r) with
+ * less than tol left of them are dependent.
  *
- * Q (r, r): columns from rank on span the null space of M. Where rank < m, the first *range
- * columns of U (m, m) span the range of M; otherwise *range is -1: the range is everything. Q and
- * U are not made where they are NULL. Returns the rank, or -1 where the numbers are no numbers. */
-int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,
+ * Columns are reduced where they are independent, for then there is nothing else to find. M's rows
+ * take part in their order: heavy ones come first, or they would cost the light ones their digits
+ * (Cox and Higham 1998). Rows are reduced first where columns are dependent, or where `rows` asks
+ * for M's row space.
+ *
+ * Where rank < m, the first *range columns of U (m, m) span the range of M; otherwise *range is -1:
+ * the range is everything. U is not made where it is NULL. Returns the rank, or -1 where the
+ * numbers are no numbers. `rows` is made in the arena, and stays there. */
+int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
                  double *U, int *range, Arena *arena)
 {
+    Rows own = {0};
+    if (rows != NULL) make_rows(rows, m, r, arena);
     const size_t mark = arena->used;
-    double *L = take(arena, m * r), *S = NULL, *w = take(arena, m > r ? m : r);
-    double *heads = take(arena, r), *tops = take(arena, r), *left = take(arena, m);
-    int *order = (int *)take(arena, m), *turn = (int *)take(arena, r);
-    memset(y, 0, sizeof(double) * (size_t)r);
-    memcpy(L, M, sizeof(double) * (size_t)(m * r));
-    int rank = reduce(L, m, r, tol, heads, order);
-    const int found = rank, tall = rank < m;
-    *range = tall ? rank : -1;
-    if (Q != NULL) expand(L, r, rank, heads, Q, arena);
-    if (tall && rank > 0) { /* M = T^T Q1^T with T (rank, m) = L^T; T[turn] = S U1^T */
-        S = take(arena, rank * m);
-        for (int i = 0; i < rank; ++i)
-            for (int j = 0; j < m; ++j) S[i * m + order[j]] = j < i ? 0.0 : L[j * r + i];
-        if (reduce(S, rank, m, 0.0, tops, turn) < rank) rank = -1;
-        else if (U != NULL) expand(S, m, rank, tops, U, arena);
+    double *T = take(arena, r * m), *w = take(arena, m > r ? m : r), *left = take(arena, m);
+    double *beta = take(arena, r);
+    int *turn = (int *)take(arena, r), direct = 0, rank = r;
+    if (rows == NULL && m >= r) {
+        for (int i = 0; i < m; ++i)
+            for (int j = 0; j < r; ++j) T[j * m + i] = M[i * r + j];
+        direct = reduce(T, r, m, tol, beta, turn) == r;
     }
+    if (!direct) {
+        if (rows == NULL) make_rows(rows = &own, m, r, arena);
+        memcpy(rows->L, M, sizeof(double) * (size_t)(m * r));
+        rank = rows->rank = reduce(rows->L, m, r, tol, rows->beta, rows->order);
+    }
+    const int tall = rank < m;
+    if (tall && !direct) { /* M = T^T Q1^T with T (rank, m) = L^T */
+        for (int i = 0; i < rank; ++i)
+            for (int j = 0; j < m; ++j)
+                T[i * m + rows->order[j]] = j < i ? 0.0 : rows->L[j * r + i];
+        if (reduce(T, rank, m, 0.0, beta, turn) < rank) rank = -1;
+    }
+    *range = tall ? rank : -1;
+    if (tall && rank > 0 && U != NULL) expand(T, m, rank, beta, U, arena);
+    memset(y, 0, sizeof(double) * (size_t)r);
     for (int refined = 0; refined < 2 && rank > 0; ++refined) {
         for (int i = 0; i < m; ++i) left[i] = c[i] - dot(M + i * r, y, r);
-        if (!tall) {
-            for (int i = 0; i < rank; ++i)
-                w[i] = (left[order[i]] - dot(L + i * r, w, i)) / L[i * r + i];
+        if (tall || direct) {
+            solve_columns(T, rank, m, beta, turn, left, w);
         } else {
-            for (int j = 0; j < rank; ++j) reflect(S, m, j, tops, left);
-            for (int i = rank - 1; i >= 0; --i) {
-                double total = left[i];
-                for (int j = i + 1; j < rank; ++j) total -= S[j * m + i] * w[turn[j]];
-                w[turn[i]] = total / S[i * m + i];
-            }
+            for (int i = 0; i < rank; ++i)
+                w[i] = (left[rows->order[i]] - dot(rows->L + i * r, w, i)) / rows->L[i * r + i];
         }
         for (int i = rank; i < r; ++i) w[i] = 0.0;
-        for (int j = found - 1; j >= 0; --j) reflect(L, r, j, heads, w);
+        for (int j = rank - 1; j >= 0 && !direct; --j) reflect(rows->L, r, j, rows->beta, w);
         for (int j = 0; j < r; ++j) y[j] += w[j];
     }
     arena->used = mark;
     return rank;
 }
 
-/* Lower factor of A = L L^T (n, n), positive definite, in place of its lower triangle. */
+/* Lower factor of A = L L^T (n, n), positive definite, in place of its lower triangle; on its
+ * diagonal is 1 / L_ii, for what follows multiplies by that. */
 void cholesky(double *A, int n)
 {
-    for (int i = 0; i < n; ++i)
-        for (int j = 0; j <= i; ++j) {
-            const double left = A[i * n + j] - dot(A + i * n, A + j * n, j);
-            A[i * n + j] = i == j ? sqrt(left) : left / A[j * n + j];
-        }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j)
+            A[i * n + j] = (A[i * n + j] - dot(A + i * n, A + j * n, j)) * A[j * n + j];
+        A[i * n + i] = 1.0 / sqrt(A[i * n + i] - dot(A + i * n, A + i * n, i));
+    }
 }
 
-/* B (n, columns) <- A^-1 B, with L the lower factor of A. */
-void cholesky_solve(const double *L, int n, double *B, int columns)
+/* x (n) <- A^-1 x, with L what cholesky() makes of A. */
+void cholesky_solve(const double *restrict L, int n, double *restrict x)
 {
-    for (int i = 0; i < n; ++i) {
-        double *row = B + i * columns;
-        const double by = 1.0 / L[i * n + i];
-        for (int j = 0; j < i; ++j)
-            for (int c = 0; c < columns; ++c) row[c] -= L[i * n + j] * B[j * columns + c];
-        for (int c = 0; c < columns; ++c) row[c] *= by;
-    }
+    for (int i = 0; i < n; ++i) x[i] = (x[i] - dot(L + i * n, x, i)) * L[i * n + i];
     for (int i = n - 1; i >= 0; --i) {
-        double *row = B + i * columns;
-        const double by = 1.0 / L[i * n + i];
-        for (int j = i + 1; j < n; ++j)
-            for (int c = 0; c < columns; ++c) row[c] -= L[j * n + i] * B[j * columns + c];
-        for (int c = 0; c < columns; ++c) row[c] *= by;
+        x[i] *= L[i * n + i];
+        add_to(x, -x[i], L + i * n, i);
     }
 }
 

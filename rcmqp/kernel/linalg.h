@@ -32,6 +32,17 @@ static inline double dot(const double *a, const double *b, int n)
     return even + odd;
 }
 
+/* y (n) += by x, two numbers at a time: sizes are too small for what compilers make of a loop. */
+static inline void add_to(double *restrict y, double by, const double *restrict x, int n)
+{
+    int i = 0;
+    for (; i + 1 < n; i += 2) {
+        const double first = y[i] + by * x[i], second = y[i + 1] + by * x[i + 1];
+        y[i] = first, y[i + 1] = second;
+    }
+    if (i < n) y[i] += by * x[i];
+}
+
 /* Whether all numbers are finite. */
 static inline int are_finite(const double *numbers, ptrdiff_t count)
 {
@@ -49,15 +60,29 @@ static inline double clipped(double value, double low, double up)
     return value < low ? low : value > up ? up : value;
 }
 
+/* What reduce() makes of the rows of a matrix (k, r). */
+typedef struct {
+    int rank;
+    double *L;    /* (k, r) lower trapezoidal, and above its diagonal the reflectors */
+    double *beta; /* (min(k, r)) */
+    int *order;   /* (k) which row each one was */
+} Rows;
+
 int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order,
            Arena *arena);
 
-int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, double *Q,
+int reduce(double *L, int k, int r, double tol, double *beta, int *order);
+
+void make_rows(Rows *rows, int k, int r, Arena *arena);
+
+void reflect_rows(const Rows *rows, int r, double *X, int n, Arena *arena);
+
+int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
                  double *U, int *range, Arena *arena);
 
 void cholesky(double *A, int n);
 
-void cholesky_solve(const double *L, int n, double *B, int columns);
+void cholesky_solve(const double *L, int n, double *x);
 
 double nnls(double *B, int k, int r, const double *g, double *lam, Arena *arena);
 

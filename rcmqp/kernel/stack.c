@@ -33,7 +33,7 @@ static void narrow_box(const StackLimit *limit, int n, double *lower, double *up
 
 size_t memory_for_rows(int n, int m, int rows)
 {
-    return (size_t)((rows + m + 24) * (n + 8) + n * n + 2 * n) + memory_for_objective(n);
+    return (size_t)((rows + m + 24) * (n + 10) + n * n + 2 * n) + memory_for_objective(n);
 }
 
 /* The problem of a cycle, in the arena: everything of it but where the levels end. */

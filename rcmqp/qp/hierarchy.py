@@ -25,7 +25,7 @@ FAR = 1e3
 """A goal farther away than this many times the largest bound is brought this near for a backend:
 the active set is that of its direction, and ProxQP took 75 ms for goals of 1e50."""
 
-NOT_ASKED: Mapping[int, Status] = MappingProxyType({})
+NO_VERDICTS: Mapping[int, Status] = MappingProxyType({})
 """The verdicts where no backend was asked."""
 
 _DEFAULTS: dict[str, dict[str, Any]] = {
@@ -169,7 +169,7 @@ class Hierarchy:
     def verdicts(self) -> Mapping[int, Status]:
         """Status of the backend's answers since the last call, by level from 1 on."""
         if not self._verdicts:
-            return NOT_ASKED
+            return NO_VERDICTS
         verdicts, self._verdicts = self._verdicts, {}
         return verdicts
 

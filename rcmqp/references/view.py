@@ -12,6 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
+from rcmqp._kernel import record
 from rcmqp.errors import InvalidCommand
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
@@ -125,7 +126,8 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
             f"x_rcm has shape {np.shape(x_rcm)} and pivot_dot {np.shape(pivot_dot)}, they must be "
             "(8,) and (3,)"
         )
-    return _kernel.record(Reference, *pose)
+    x_d, x_d_dot, pivot, pivot_dot = pose
+    return record(Reference, x_d, x_d_dot, pivot, pivot_dot)
 
 
 def carried(x: Array, offset: Array) -> Array:

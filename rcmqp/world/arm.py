@@ -216,6 +216,7 @@ class Arm(Limited):
         self._still = _vector("still", np.zeros(model.nv), model.nv)
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
         self._turning = np.flatnonzero(self._continuous)
+        self._endless = bool(self._continuous.any())
         self._idx_q = np.array([joint.idx_q for joint in model.joints[1:]])
         own = {
             "lower": self._per_joint(model.lowerPositionLimit, -np.inf),
@@ -282,7 +283,7 @@ class Arm(Limited):
         oMe = _placement(model, data, effector)
         J_local = _frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
         x = _kernel.from_xyzquat(_xyzquat(oMe))
-        angles = here if nq == nv else self._frozen_angles(here)
+        angles = self._frozen_angles(here) if self._endless else here
         tool = self._tip
         if self.wrist is not None:
             oMt = _placement(model, data, self._tool)
@@ -326,10 +327,10 @@ class Arm(Limited):
 
     def integrate(self, q: Array, v: Array, dt: float) -> Array:
         """Configuration (nq,) reached from ``q`` at velocity ``v`` (nv,) after ``dt`` [s]."""
-        if self._turning.size:
+        if self._endless:
             return np.asarray(pin.integrate(self.model, q, dt * v))
         moved = _kernel.moved(q, v, dt)
-        if moved is None or moved.size != self._sizes[0]:
+        if moved is None or len(moved) != self._sizes[0]:
             raise InvalidCommand(
                 f"q and v have shapes {np.shape(q)} and {np.shape(v)}, they must be "
                 f"({self.nq},) and ({self.nv},)"
