@@ -8,6 +8,7 @@ from dataclasses import astuple
 from typing import Any
 
 import numpy as np
+import oracles.paths
 import pinocchio as pin
 import pytest
 from helpers import assert_allclose, inserted
@@ -27,7 +28,7 @@ from rcmqp.references.paths import Circle, ConicalHelix, Lissajous
 from rcmqp.references.paths.drawn import Drawn
 from rcmqp.references.view import carried, view_of_tip
 from rcmqp.tasks.objectives import Manipulability
-from rcmqp.world.insertion import insertion_depth, rcm_error, tilt
+from rcmqp.world.insertion import rcm_error, tilt
 
 OPTIONS: list[dict[str, Any]] = [
     {},
@@ -132,7 +133,7 @@ def test_manipulability_is_finite_in_a_singularity_of_any_depth() -> None:
 def test_the_views_of_a_drawn_path_are_those_of_its_tip(path: Drawn) -> None:
     times = np.linspace(-0.5, path.duration + 0.5, 400)
     found = path.views_at(times, 0.1)
-    expected = [astuple(view_of_tip(*path.tip(t, 0.1), 0.1)) for t in times]
+    expected = [astuple(view_of_tip(*oracles.paths.tip(path, t, 0.1), 0.1)) for t in times]
     assert_allclose(found, expected, rtol=0, atol=1e-13)
     assert np.ptp(found[:, 0]) > 0.1
 
@@ -164,7 +165,7 @@ def test_what_a_record_says_of_poses_is_what_numpy_says() -> None:
         np.linalg.norm(dq.translation(x) - dq.translation(x_d), axis=1),
         dq.angle_between(x, x_d),
         rcm_error(x, pivot),
-        insertion_depth(x, pivot, insertion.tip_depth),
+        insertion.depth(x, pivot),
         tilt(x, axis),
     )
     assert_allclose(seen, np.transpose(expected), rtol=0, atol=1e-14)

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import oracles.paths
 import pytest
 from helpers import assert_allclose, derivative
 from pinocchio.utils import rotate
@@ -174,24 +175,26 @@ def test_the_tip_draws_the_helix_in_its_closed_form(helix: ConicalHelix) -> None
         view = dq.to_se3(view_pose(dq.IDENTITY, helix.command(t, TIP_DEPTH)).x_d)
         tip = view.act(np.array([0.0, 0.0, TIP_DEPTH]))
         assert_allclose(tip, expected, rtol=0, atol=1e-13)
-        assert_allclose(helix.tip(t, TIP_DEPTH)[0], expected, rtol=0, atol=1e-13)
 
 
 def test_the_helix_starts_and_stops_without_a_jolt() -> None:
-    helix = ConicalHelix(duration=2.0, ramp=0.5)
+    straight = ConicalHelix(0.0, 0.0, pitch=0.04, turns=1.0, duration=2.0, ramp=0.5)
     for corner in (0.0, 0.5, 1.5, 2.0):  # of the speed profile
 
         def speed(t: float, corner: float = corner) -> float:
-            return helix.progress(corner + t)[1]
+            return straight.command(corner + t, TIP_DEPTH).t_z_dot / straight.pitch
 
         assert_allclose(derivative(speed), 0.0, rtol=0, atol=1e-5)
-    assert helix.progress(-1.0) == (0.0, 0.0)
-    assert helix.progress(9.0) == (1.0, 0.0)
+    assert straight.command(-1.0, TIP_DEPTH) == ViewCommand()
+    assert straight.command(9.0, TIP_DEPTH).t_z == pytest.approx(0.04, rel=1e-12)
+    assert straight.command(9.0, TIP_DEPTH).t_z_dot == 0.0
 
 
 def test_the_default_helix_is_20_s_at_20_mm_per_s_and_10_to_14_cm_deep() -> None:
     helix = ConicalHelix()
-    tips, speeds = zip(*(helix.tip(t, 0.1) for t in np.linspace(0, 20, 2001)), strict=True)
+    tips, speeds = zip(
+        *(oracles.paths.tip(helix, t, 0.1) for t in np.linspace(0, 20, 2001)), strict=True
+    )
     assert np.sqrt(np.mean(np.sum(np.square(speeds), axis=1))) == pytest.approx(0.02, rel=0.05)
     depths = np.linalg.norm(tips, axis=1)
     assert depths.min() == pytest.approx(0.10, abs=0.001)

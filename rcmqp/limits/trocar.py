@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 from rcmqp._kernel import Block
 from rcmqp.limits.base import CompiledLimit, Damper
-from rcmqp.limits.spheres import bends, shaft_depth
-from rcmqp.maths.options import finite
+from rcmqp.limits.spheres import bends
 from rcmqp.world.instrument import Trocar, Wrist
 
 
@@ -66,14 +65,12 @@ class TrocarDepth(CompiledLimit, Damper):
 
     Attributes:
         trocar: its depth range.
-        tip_depth: from the effector to the tip, along the shaft [m]; with a straight wrist.
         wrist: of the instrument; None without one.
     """
 
     name: ClassVar[str] = "trocar_depth"
 
     trocar: Trocar
-    tip_depth: float = field(metadata=finite("m"))
     wrist: Wrist | None = None
 
     @functools.cached_property
@@ -83,7 +80,6 @@ class TrocarDepth(CompiledLimit, Damper):
         return Block(
             "trocar_depth",
             **self.rates,
-            last=shaft_depth(self.wrist, self.tip_depth),
             **bends(self.wrist),
             shallowest=shallowest,
             deepest=deepest,

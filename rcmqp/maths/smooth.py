@@ -16,24 +16,8 @@ def step(u: float) -> tuple[float, float]:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * (u * (1.0 - u)) ** 2
 
 
-def progress(t: float, duration: float, ramp: float) -> tuple[float, float]:
-    """How far something has come at ``t`` [s], s in [0, 1], and s' [1/s].
-
-    s' rises as step() during ``ramp`` [s], is constant in between, and falls likewise, so that
-    s reaches 1 at ``duration`` [s].
-    """
-    if t > duration / 2:
-        s, s_dot = progress(duration - min(t, duration), duration, ramp)
-        return 1.0 - s, s_dot
-    cruise = 1.0 / (duration - ramp)
-    if t >= ramp:
-        return cruise * (t - ramp / 2), cruise
-    u = max(t, 0.0) / ramp
-    return cruise * ramp * u**4 * (2.5 - 3.0 * u + u**2), cruise * step(u)[0]
-
-
 def check_ramp(duration: float, ramp: float) -> None:
-    """Check the times of progress().
+    """Check the times of a path that starts and stops within ``ramp`` [s].
 
     Raises:
         OptionError: they leave no time between start and stop.

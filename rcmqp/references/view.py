@@ -130,6 +130,11 @@ def carried(x: Array, offset: Array) -> Array:
     return _kernel.carried(x, offset)
 
 
+def not_inside(z: float) -> InvalidCommand:
+    """A tip that is asked to be at ``z`` [m] from the trocar, not inside."""
+    return InvalidCommand(f"tip at z = {z} m from the trocar; it must be inside, z > 0")
+
+
 def view_of_tip(p: Iterable[float], p_dot: Iterable[float], tip_depth: float) -> ViewCommand:
     """The view, without roll, whose tip stands at ``p``; inverse of equation (5).
 
@@ -144,7 +149,7 @@ def view_of_tip(p: Iterable[float], p_dot: Iterable[float], tip_depth: float) ->
     px, py, pz = map(float, p)
     vx, vy, vz = map(float, p_dot)
     if not pz > 0.0:
-        raise InvalidCommand(f"tip at z = {pz} m from the trocar; it must be inside, z > 0")
+        raise not_inside(pz)
     h = math.hypot(px, pz)
     d = math.hypot(h, py)
     h_dot = (px * vx + pz * vz) / h

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp._kernel import Block, frozen, record
@@ -20,12 +19,10 @@ from rcmqp.maths.options import check, or_none, positive, refused, rule
 from rcmqp.qp.levels import Level
 from rcmqp.qp.problem import InvalidProblem
 from rcmqp.references.view import Reference
-from rcmqp.world.arm import ArmState
+from rcmqp.world.arm import ArmState, ToolAt
 from rcmqp.world.insertion import Insertion
 
-Cycle: TypeAlias = tuple[
-    Array, Array, Array, Array, Array, Array, Array, Array, Array, pin.SE3 | tuple[Array, Array]
-]
+Cycle: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, ToolAt]
 """Arrays of a state and a reference, in the order in which compiled code takes them."""
 
 
@@ -148,7 +145,7 @@ class Task(abc.ABC):
 
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
-        """The task for an insertion; fields called arm, instrument, trocar, tip_depth fill in."""
+        """The task for an insertion; fields called arm, instrument, trocar and wrist fill in."""
         return cls(**filled_in(cls, insertion, options))
 
     @abc.abstractmethod
@@ -216,7 +213,7 @@ class CompiledTask(Task):
 class Together:
     """Tasks on one level: min sum of weight |jacobian @ v + gain error + drift|^2.
 
-    Made by adding tasks: ``TipTask(0.1) + RollTask(weight=0.01)``. Errors in metres and in
+    Made by adding tasks: ``TipTask() + RollTask(weight=0.01)``. Errors in metres and in
     radians are added up as they stand; the weights say what a radian is worth.
 
     Attributes:
@@ -267,7 +264,6 @@ def filled_in(
         "arm": insertion.arm,
         "instrument": insertion.instrument,
         "trocar": insertion.trocar,
-        "tip_depth": insertion.tip_depth,
         "wrist": insertion.arm.wrist,
     }
     fields = [item for item in dataclasses.fields(cls) if item.init]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,13 +12,13 @@ from rcmqp import _kernel
 from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import at_least, finite, options, rule
-from rcmqp.maths.smooth import check_ramp, progress
-from rcmqp.references.view import ViewCommand, view_of_tip
+from rcmqp.maths.smooth import check_ramp
+from rcmqp.references.view import ViewCommand, not_inside
 from rcmqp.world.instrument import Vector3, vector3
 
 
 class Drawn(abc.ABC):
-    """A path given by its tip(), which compiled code has as well: rcmqp/kernel/drawn.c.
+    """A path whose tip is drawn in compiled code: rcmqp/kernel/drawn.c.
 
     Attributes:
         duration: from rest to rest [s].
@@ -30,10 +29,6 @@ class Drawn(abc.ABC):
 
     duration: float
     ramp: float
-
-    @abc.abstractmethod
-    def tip(self, t: float, tip_depth: float) -> tuple[Iterable[float], Iterable[float]]:
-        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes."""
 
     @abc.abstractmethod
     def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
@@ -56,9 +51,10 @@ class Drawn(abc.ABC):
         figure, numbers = self.figure(tip_depth)
         sizes = np.array(numbers, dtype=float)
         views = _kernel.views(figure, sizes, self.duration, self.ramp, times, tip_depth)
-        if not abs(views[:, 0]).max(initial=0.0) < math.pi / 2.0:  # atan2(x, z) with z <= 0
-            for t in times.tolist():
-                view_of_tip(*self.tip(t, tip_depth), tip_depth)  # which says what is wrong
+        outside = ~(abs(views[:, 0]) < math.pi / 2.0)  # atan2(x, z) with z <= 0
+        if outside.any():
+            alpha, beta, _, t_z = views[outside.argmax(), :4].tolist()
+            raise not_inside((tip_depth + t_z) * math.cos(alpha) * math.cos(beta))
         return views
 
 
@@ -88,14 +84,6 @@ class Circle(Drawn):
 
     def __post_init__(self) -> None:
         check_ramp(self.duration, self.ramp)
-
-    def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
-        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes."""
-        s, s_dot = progress(t, self.duration, self.ramp)
-        turn, turn_dot = 2.0 * math.pi * self.turns * s, 2.0 * math.pi * self.turns * s_dot
-        cos, sin = math.cos(turn), math.sin(turn)
-        p = np.array([self.radius * (cos - 1.0), self.radius * sin, tip_depth])
-        return p, self.radius * turn_dot * np.array([-sin, cos, 0.0])
 
     def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
         """See Drawn."""
@@ -134,28 +122,6 @@ class ConicalHelix(Drawn):
     def __post_init__(self) -> None:
         check_ramp(self.duration, self.ramp)
 
-    def progress(self, t: float) -> tuple[float, float]:
-        """How far the helix has come at ``t`` [s], s in [0, 1], and s' [1/s]."""
-        return progress(t, self.duration, self.ramp)
-
-    def tip(self, t: float, tip_depth: float) -> tuple[Vector3, Vector3]:
-        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.
-
-        Raises:
-            OptionError: the tip starts less deep than the helix is wide.
-        """
-        _, (r_0, r_1, pitch, n) = self.figure(tip_depth)
-        s, s_dot = self.progress(t)
-        turn, r = 2.0 * math.pi * n * s, r_0 + (r_1 - r_0) * s
-        cos, sin, swing = math.cos(turn), math.sin(turn), 2.0 * math.pi * n * r
-        L = math.sqrt(tip_depth**2 - r_0**2)
-        x, y, z = r * cos, r * sin, L + n * pitch * s
-        u, v = (r_1 - r_0) * cos - swing * sin, (r_1 - r_0) * sin + swing * cos  # dp/ds
-        w = n * pitch
-        c, d = L / tip_depth, -r_0 / tip_depth  # of the tilt, -asin(r_0 / tip_depth) about y
-        velocity = (s_dot * (c * u + d * w), s_dot * v, s_dot * (c * w - d * u))
-        return (c * x + d * z, y, c * z - d * x), velocity
-
     def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
         """See Drawn."""
         if not tip_depth > self.radius_start:
@@ -193,20 +159,6 @@ class Lissajous(Drawn):
 
     def __post_init__(self) -> None:
         check_ramp(self.duration, self.ramp)
-
-    def tip(self, t: float, tip_depth: float) -> tuple[np.ndarray, np.ndarray]:
-        """Tip (3,) [m] and its velocity (3,) [m/s] seen from the trocar, in x_d(0)'s axes.
-
-        Raises:
-            OptionError: the figure would come out of the trocar.
-        """
-        _, (a, b, c, n) = self.figure(tip_depth)
-        s, s_dot = progress(t, self.duration, self.ramp)
-        u, u_dot = 2.0 * math.pi * n * s, 2.0 * math.pi * n * s_dot
-        cos_2u, sin_2u = math.cos(2.0 * u), math.sin(2.0 * u)
-        p = np.array([a * math.sin(u), -b * sin_2u, tip_depth + c * (cos_2u - 1.0)])
-        dp_du = np.array([a * math.cos(u), -2.0 * b * cos_2u, -2.0 * c * sin_2u])
-        return p, u_dot * dp_du
 
     def figure(self, tip_depth: float) -> tuple[int, tuple[float, float, float, float]]:
         """See Drawn."""
