@@ -45,7 +45,7 @@ PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
     PyArrayObject *array = copy_of(args[0]);
     if (array == NULL) return NULL;
     int fits = PyArray_NDIM(array) == count - 1;
-    for (int i = 0; fits && i < PyArray_NDIM(array); ++i) {
+    for (int i = 0; fits && !PyErr_Occurred() && i < PyArray_NDIM(array); ++i) {
         const Py_ssize_t size = PyLong_AsSsize_t(args[i + 1]);
         fits = size < 0 || PyArray_DIM(array, i) == size;
     }
@@ -70,7 +70,12 @@ PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count)
         PyErr_SetString(PyExc_TypeError, "record() takes a dataclass and its fields");
         return NULL;
     }
-    PyTypeObject *type = (PyTypeObject *)args[0];
+    PyTypeObject *type = (PyTypeObject *)args[0], *base = type;
+    while (base->tp_base != NULL && base->tp_flags & Py_TPFLAGS_HEAPTYPE) base = base->tp_base;
+    if (base != &PyBaseObject_Type) { /* what C makes needs its own constructor */
+        PyErr_Format(PyExc_TypeError, "record() cannot make a %s", base->tp_name);
+        return NULL;
+    }
     PyObject *names = PyObject_GetAttr(args[0], fields), *made = NULL;
     if (names != NULL && (!PyTuple_Check(names) || PyTuple_GET_SIZE(names) != count - 1))
         PyErr_Format(PyExc_TypeError, "record() needs every field of %s", type->tp_name);
