@@ -124,7 +124,7 @@ class Fuzz:
         for key in rng.choice(sorted(options), int(rng.integers(3)), replace=False):
             worse[key] = hostile(rng, worse[key], [*worse.values()])
         made = self.call("Stack", _kernel.Stack, **worse)
-        stack = _kernel.Stack(**options)
+        stack: Any = _kernel.Stack(**options)
         state = cycle(rng, n), given_rows(rng, n)
 
         def backend(level: int, M: Any, c: Any, R: Any, *bounds: Any) -> Any:
@@ -158,6 +158,7 @@ class Fuzz:
         )
         array = type("A", (np.ndarray,), {"__match_args__": ()})
         doors: list[Callable[[], Any]] = []
+        each: Any
         for each in (block, stack):
             kind: Any = type(each)
             doors += [
@@ -170,7 +171,8 @@ class Fuzz:
                 functools.partial(type, "Derived", (kind,), {}),
                 kind,
             ]
-        for door in (*doors, functools.partial(_kernel.record, array)):
+        doors.append(functools.partial(_kernel.record, array))
+        for door in doors:
             if (made := self.call("no constructor", door)) is not None:
                 self.wrong.append(f"made without a constructor: {type(made).__name__}, {door}")
 

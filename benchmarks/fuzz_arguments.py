@@ -15,12 +15,17 @@ Arguments: TypeAlias = list[Any]
 
 MOST_JOINTS = 12
 
+PLAIN: tuple[Any, ...] = (None, "x", b"", (), [], {}, 1j, -1)
+
 
 class Pair:
     """A record, as dataclass makes it."""
 
     __slots__ = ("a", "b")
     __match_args__ = ("a", "b")
+
+    a: object
+    b: object
 
 
 class Hostile:
@@ -70,7 +75,7 @@ def hostile(rng: np.random.Generator, given: Any, others: Arguments) -> Any:
     """Something in place of what was given."""
     size = int(rng.integers(0, 40))
     kinds: list[Callable[[], Any]] = [
-        *(functools.partial(copy.copy, value) for value in (None, "x", b"", (), [], {}, 1j, -1)),
+        *(functools.partial(copy.copy, value) for value in PLAIN),
         *(functools.partial(float, value) for value in ("nan", "inf", "-inf", "1e308", "-0.0")),
         lambda: 2 ** int(rng.integers(1, 90)),
         lambda: bool(rng.integers(2)),

@@ -25,6 +25,7 @@ import pinocchio as pin
 from rcmqp import Arm, Insertion, view_pose
 from rcmqp.controllers import HierarchicalQP
 from rcmqp.limits import JointLimits, KeepOut
+from rcmqp.qp import HierarchySolution
 from rcmqp.references.paths import ConicalHelix
 from rcmqp.references.view import Reference
 from rcmqp.show.table import Table
@@ -34,7 +35,7 @@ from rcmqp.world.instrument import Instrument
 JOINTS = (7, 10, 14, 20)
 LEVELS = (2, 3, 4, 5, 6)
 HARD_ROWS = (0, 10, 20, 40)
-PERIOD = 1e-3
+PERIOD = 5e-3
 COLD = 50
 """Steps that are not counted."""
 
@@ -91,6 +92,7 @@ class Case:
         start = time.thread_time_ns()
         command = self._controller.step(state, reference)
         self.steps.append((time.thread_time_ns() - start) / 1e3)
+        assert isinstance(command.account, HierarchySolution)
         self.met += bool(command.account.at_upper[self._v.size :].any())
         self._a, self._v = (command.v - self._v) / PERIOD, command.v
         self._q = self._insertion.arm.integrate(self._q, command.v, PERIOD)
@@ -99,7 +101,7 @@ class Case:
 def main() -> None:
     """Print a table as Markdown: a line for joints and levels, a column for hard rows."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--cycles", type=int, default=1000)
+    parser.add_argument("--cycles", type=int, default=600)
     parser.add_argument("--joints", type=int, nargs="+", default=JOINTS)
     asked = parser.parse_args()
     lasting, rows = PERIOD * asked.cycles, []
