@@ -5,7 +5,8 @@
 # make tables: the tables of docs/, each by the command in front of it; some minutes.
 # make lint, make types: Python and the viewer's JavaScript; they need npm for the latter.
 # make test-fast: the tests that need no browser, study or long run; about a minute on two cores.
-# make sanitize: the kernel's tests under the address and undefined-behaviour sanitizers; gcc, Linux.
+# make sanitize: the kernel's tests and 100,000 hostile calls under the address and
+# undefined-behaviour sanitizers; gcc, Linux.
 # make franka: Franka's client drives a simulator of its interface; needs PyPI for both, on Linux.
 PYTHON ?= python3
 VENV ?= .venv
@@ -16,6 +17,8 @@ INSTALLED := $(VENV)/.installed
 FRANKA := $(VENV)/.franka
 NODE := node_modules/.package-lock.json
 KERNEL_TESTS := tests/test_compiled.py tests/test_stack.py tests/test_given_rows.py tests/test_rows.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py
+SANITIZED = PYTHONPATH=$(VENV)/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
+	ASAN_OPTIONS=detect_leaks=0 OMP_NUM_THREADS=1
 DOCS := $(VENV)/.docs
 MOVING := fps=8,scale=800:-1:flags=lanczos,split[a][b];[a]palettegen=max_colors=128:stats_mode=diff[p];[b][p]paletteuse=dither=none:diff_mode=rectangle
 
@@ -56,11 +59,11 @@ franka: $(FRANKA)
 
 sanitize: $(INSTALLED)
 	rm -rf build $(VENV)/sanitized
-	CFLAGS="-fsanitize=address,undefined -fno-sanitize-recover=undefined -g" \
+	CFLAGS="-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -g" \
 		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/sanitized .
 	rm -rf build  # its objects are not for others
-	PYTHONPATH=$(VENV)/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
-		ASAN_OPTIONS=detect_leaks=0 OMP_NUM_THREADS=1 $(BIN)/pytest $(KERNEL_TESTS)
+	$(SANITIZED) $(BIN)/pytest $(KERNEL_TESTS)
+	$(SANITIZED) $(BIN)/python benchmarks/fuzz.py --calls 100000
 
 lint: $(INSTALLED) $(NODE)
 	$(BIN)/ruff check .

@@ -131,10 +131,9 @@ class Case:
 def cases(scenario: rcmqp.Scenario) -> dict[str, list[Case]]:
     """What is timed, by what all of it in compiled code is called; that comes first."""
     insertion = scenario.insertion()
-    tip_depth, trocar = insertion.tip_depth, insertion.trocar
-    rcm, tip = RcmTask(period=scenario.period), TipTask(tip_depth)
-    narrow = dataclasses.replace(trocar, depth_range=(0.0, tip_depth + 1e-3))
-    depth, end = TrocarDepth(trocar, tip_depth), TrocarDepth(narrow, tip_depth)
+    trocar, rcm, tip = insertion.trocar, RcmTask(period=scenario.period), TipTask()
+    narrow = dataclasses.replace(trocar, depth_range=(0.0, insertion.tip_depth + 1e-3))
+    depth, end = TrocarDepth(trocar), TrocarDepth(narrow)
     camera, gentle = LevelCamera(gain=8.0), GentleInsertion(0.5)
     cone = TrocarCone(trocar)
 

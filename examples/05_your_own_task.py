@@ -36,7 +36,7 @@ def main(picture: str = "05_your_own_task.png", duration: float = 8.0) -> None:
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
     for name, third in {"RollTask": RollTask(), "LevelCamera": LevelCamera(gain=3.0)}.items():
-        levels = [RcmTask(period=scenario.period), TipTask(insertion.tip_depth), third]
+        levels = [RcmTask(period=scenario.period), TipTask(), third]
         run = rcmqp.simulate(scenario, HierarchicalQP(insertion, scenario.period, levels=levels))
         height = [insertion.state(q).oMe.rotation[2, 0] for q in run.q]
         axes.plot(run.time, np.degrees(np.arcsin(height)), label=name)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rcmqp.runs.simulate import record, simulate
     from rcmqp.tasks import RcmTask, Residual, Task, TipTask
     from rcmqp.world.arm import Arm, ArmState
-    from rcmqp.world.insertion import Insertion, insertion_depth, rcm_error
+    from rcmqp.world.insertion import Insertion, rcm_error
     from rcmqp.world.instrument import Camera, Instrument, Trocar
     from rcmqp.world.loading import arm_names, load_arm
     from rcmqp.world.start import find_start
@@ -57,7 +57,7 @@ _HOMES = {
     "runs.simulate": "record simulate",
     "tasks": "RcmTask Residual Task TipTask",
     "world.arm": "Arm ArmState",
-    "world.insertion": "Insertion insertion_depth rcm_error",
+    "world.insertion": "Insertion rcm_error",
     "world.instrument": "Camera Instrument Trocar",
     "world.loading": "arm_names load_arm",
     "world.start": "find_start",
@@ -105,7 +105,6 @@ __all__ = [
     "arm_names",
     "compute_metrics",
     "find_start",
-    "insertion_depth",
     "load_arm",
     "load_scenario",
     "make_controller",

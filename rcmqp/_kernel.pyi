@@ -30,7 +30,7 @@ class Block:
         x_d_dot: ArrayLike,
         pivot: ArrayLike,
         pivot_dot: ArrayLike,
-        tool: object,
+        tool_at: tuple[float] | tuple[float, Array, Array],
         /,
     ) -> tuple[Array, ...]: ...
     def interval(
@@ -63,7 +63,7 @@ class Stack:
         x_d_dot: Array,
         pivot: Array,
         pivot_dot: Array,
-        tool: object,
+        tool_at: tuple[float] | tuple[float, Array, Array],
         given: list[tuple[Array, ...]],
         backend: Backend | None,
         /,
@@ -79,7 +79,7 @@ class Stack:
         x_d_dot: Array,
         pivot: Array,
         pivot_dot: Array,
-        tool: object,
+        tool_at: tuple[float] | tuple[float, Array, Array],
         given: list[tuple[Array, ...]],
         /,
     ) -> tuple[Array, Array, Ints, Array, Array, Array, Array] | None: ...

@@ -105,10 +105,12 @@ def held(path: str | os.PathLike[str]) -> Iterator[bool]:
     The system lets it go with the process, so one that was killed holds nothing.
 
     Raises:
-        RunFileError: it cannot be made, or its file system has no locks.
+        RunFileError: it cannot be made, or its file system, or Windows, has no such locks.
     """
-    import fcntl  # not everywhere
-
+    try:
+        import fcntl
+    except ImportError as error:
+        raise RunFileError(Path(path), "cannot be locked: this system has no flock()") from error
     try:
         stream = Path(path).open("ab")
     except OSError as error:
@@ -209,7 +211,12 @@ def _host() -> str:
 
 
 def _runs(process: int) -> bool:
-    """Whether a process with that number runs on this host."""
+    """Whether a process with that number runs on this host.
+
+    On Windows the answer is always yes: there, asking as POSIX does would end the process.
+    """
+    if os.name == "nt":
+        return True
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):

@@ -32,7 +32,7 @@ class Joint:
         """What rate of its error the task asks for."""
         given = np.array([error]), np.array([[LEVER]]), np.zeros(1)
         state = POSE, np.zeros((6, 1)), np.zeros(1), np.array([v]), np.array([a])
-        found = self._stack.problem(*state, POSE, np.zeros(8), POINT, POINT, None, [given])
+        found = self._stack.problem(*state, POSE, np.zeros(8), POINT, POINT, (0.0,), [given])
         assert found is not None
         return float(found[1][0])
 

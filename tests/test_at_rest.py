@@ -35,7 +35,7 @@ def swing(arm: str, view: tuple[float, float, float, float], damping: float | No
     insertion, T = scenario.insertion(), scenario.period
     levels = [
         RcmTask(period=T),
-        TipTask(insertion.tip_depth, damping=damping),
+        TipTask(damping=damping),
         RollTask(damping=damping),
         ObjectiveTask.made_for(insertion),
     ]

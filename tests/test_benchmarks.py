@@ -7,9 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from rcmqp import arm_names
+from rcmqp import _kernel, arm_names
 
 SIMULATION = Path(__file__).parent.parent / "benchmarks" / "simulation.py"
+FUZZ = Path(__file__).parent.parent / "benchmarks" / "fuzz.py"
 EXTENSIONS = Path(__file__).parent.parent / "benchmarks" / "extensions.py"
 SAFE_STOPS = Path(__file__).parent.parent / "benchmarks" / "safe_stops.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
@@ -89,6 +90,20 @@ def test_extensions_has_a_line_for_each_task_and_limit_in_python() -> None:
         "README's LevelCamera for roll",
         "README's GentleInsertion",
     }
+
+
+def test_bindings_answer_or_refuse_hostile_calls_and_then_answer_as_before() -> None:
+    done = subprocess.run(
+        [sys.executable, FUZZ, "--calls", "3000"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+    rows = [
+        line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:-2] if "|" in line
+    ]
+    assert all(int(row[1]) > 0 for row in rows if row[0] != "no constructor")
+    assert all(int(row[2]) > 0 for row in rows)
+    module = {name for name, kind in vars(_kernel).items() if callable(kind)}
+    assert module <= {row[0] for row in rows}
 
 
 def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> None:

@@ -33,6 +33,9 @@ from rcmqp.world.arm import Arm
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Trocar
 
+DEPTH = 0.1
+"""Of the tip at the start, as Insertion.on_shaft() has it [m]."""
+
 
 def gantry() -> Insertion:
     """Three prismatic joints along the world's axes: every point moves straight."""
@@ -70,16 +73,16 @@ def cone_room(trocar: Trocar) -> Room:
     return room
 
 
-def depth_room(trocar: Trocar, tip_depth: float) -> Room:
+def depth_room(trocar: Trocar) -> Room:
     def room(oMe: pin.SE3, pivot: Array, t: float) -> list[float]:
-        depth = float((point(oMe, tip_depth) - pivot) @ oMe.rotation[:, 2])
+        depth = float((point(oMe, DEPTH) - pivot) @ oMe.rotation[:, 2])
         return [trocar.depth_range[1] - depth, depth - trocar.depth_range[0]]
 
     return room
 
 
 def sphere_room(limit: SphereLimit) -> Room:
-    tip, mount = limit.tip_depth, limit.tip_depth - limit.instrument.length
+    tip, mount = DEPTH, DEPTH - limit.instrument.length
     part = getattr(limit, "part", "shaft")
 
     def room(oMe: pin.SE3, pivot: Array, t: float) -> list[float]:
@@ -121,14 +124,14 @@ def spheres(insertion: Insertion, b: Array, oMe: pin.SE3, pivot: Array) -> list[
 
 def dampers(insertion: Insertion, oMe: pin.SE3, pivot: Array) -> list[tuple[Damper, Room]]:
     rng = np.random.default_rng(5)
-    depth, found = insertion.tip_depth, list[tuple[Damper, Room]]()
+    found = list[tuple[Damper, Room]]()
     for angle in (0.02, 0.3, 1.2, 2.5):  # from the cone's axis, on which the first two lie inside
         aside = pin.exp3(angle * np.array([0.6, -0.8, 0.0]))
         axis = oMe.rotation @ aside @ np.array([0.0, 0.0, 1.0])
         trocar = replace(insertion.trocar, axis=tuple(axis), depth_range=(0.02, 0.13))
         found.append((TrocarCone(trocar, gain=40.0), cone_room(trocar)))
-    found.append((TrocarDepth(trocar, depth, gain=40.0), depth_room(trocar, depth)))
-    for z in (depth + 0.05, depth - 0.1, depth - SCOPE.length - 0.05):  # beyond the ends, beside
+    found.append((TrocarDepth(trocar, gain=40.0), depth_room(trocar)))
+    for z in (DEPTH + 0.05, DEPTH - 0.1, DEPTH - SCOPE.length - 0.05):  # beyond the ends, beside
         for aside in (0.05, 0.1):  # sphere inside, outside
             b = np.array([*rng.normal(size=2), 0.0])
             b = aside * b / np.linalg.norm(b) + np.array([0.0, 0.0, z])
@@ -236,14 +239,14 @@ def driven(
     block = Block(
         "trocar_depth",
         **{"gain": 60.0, "deceleration": 0.2, "jerk": 5.0, "period": T},
-        **{"last": 0.0, "shallowest": -1.0, "deepest": 0.05, **bends(None)},
+        **{"shallowest": -1.0, "deepest": 0.05, **bends(None)},
     )
     J, still, rooms, speeds = np.eye(6)[:, 2:3], np.zeros(3), [], []
     a = 0.0
     for _ in range(cycles):
         x = from_se3(pin.SE3(np.eye(3), np.array([0.0, 0.0, depth])))
         now = np.zeros(1), np.array([v]), np.array([a])
-        C, d = block.rows(x, J, *now, x, np.zeros(8), still, still, None)[2:]
+        C, d = block.rows(x, J, *now, x, np.zeros(8), still, still, (0.0,))[2:]
         assert np.array_equal(C[:, 0], [1.0, -1.0])
         own = v + T * np.clip(
             np.clip((wish - v) / T, -most, most), a - 20.0 * most * T, a + 20.0 * most * T
@@ -338,8 +341,8 @@ def test_a_damper_on_straight_motion_keeps_its_limit(share: float) -> None:
     push = np.array([0.8, 0.1, 0.3])
     cases: list[tuple[Damper, Room | None, Array, Array]] = [
         (
-            TrocarDepth(replace(inserted.trocar, depth_range=(0.05, 0.12)), 0.1, gain=share / T),
-            depth_room(replace(inserted.trocar, depth_range=(0.05, 0.12)), 0.1),
+            TrocarDepth(replace(inserted.trocar, depth_range=(0.05, 0.12)), gain=share / T),
+            depth_room(replace(inserted.trocar, depth_range=(0.05, 0.12))),
             sign * push,
             np.array([0.1, 0.2, 0.05]),
         )
@@ -387,7 +390,7 @@ def test_a_damper_on_an_arm_keeps_its_limit_to_second_order(arm: str) -> None:
 
     cases: list[tuple[Damper, Callable[[Any], Room]]] = [
         (TrocarCone(trocar, gain=200.0), lambda d: cone_room(trocar)),
-        (TrocarDepth(trocar, 0.1, gain=200.0), lambda d: depth_room(trocar, 0.1)),
+        (TrocarDepth(trocar, gain=200.0), lambda d: depth_room(trocar)),
         (sphere("keep_out", centre=tuple(beside), velocity=(0.0, 0.05, 0.02)), sphere_room),
         (sphere("keep_out", centre=tuple(beside - pivot), on_trocar=True), sphere_room),
         (sphere("keep_in", centre=tuple(tip + 0.004)), sphere_room),
@@ -430,7 +433,7 @@ def test_beyond_its_limit_a_damper_asks_to_come_back_at_its_gain(name: str) -> N
     }
     rooms: dict[str, Callable[[Any], Room]] = {
         "trocar_cone": lambda d: cone_room(trocar),
-        "trocar_depth": lambda d: depth_room(trocar, inserted.tip_depth),
+        "trocar_depth": lambda d: depth_room(trocar),
     }
     damper = make_limit(name, inserted, T, gain=10.0, **options[name])
     assert isinstance(damper, Damper)

@@ -124,7 +124,7 @@ Along = Callable[[float], HierarchySolution]
 def controller(insertion: Insertion, damping: float | None) -> HierarchicalQP:
     levels = [
         RcmTask(period=T),
-        TipTask(insertion.tip_depth, damping=damping),
+        TipTask(damping=damping),
         RollTask(damping=damping),
         ObjectiveTask.made_for(insertion),
     ]

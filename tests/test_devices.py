@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import assert_allclose, derivative
 
+from rcmqp import Insertion, load_arm
 from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
@@ -15,7 +16,7 @@ from rcmqp.references.hand import Clutch, DeviceState, HandMapping, HandView
 from rcmqp.references.operators import Encoder, Omega7
 from rcmqp.references.paths import HandTrace
 from rcmqp.references.view import ViewCommand, view_pose
-from rcmqp.world.instrument import Vector3
+from rcmqp.world.instrument import Instrument, Vector3
 
 DEPTH = 0.08
 STILL = (0.0, 0.0, 0.0)
@@ -86,10 +87,11 @@ def test_a_live_device_and_its_recorded_trace_ask_for_the_same_views() -> None:
     positions: list[Vector3] = [tuple(p) for p in np.cumsum(rng.normal(0, 2e-3, (12, 3)), axis=0)]
     engaged = tuple(k not in (4, 5, 8) for k in range(12))
     trace = HandTrace(times, tuple(positions), engaged, HandMapping(1.5))
-    live = HandView(HandMapping(1.5), DEPTH)
+    inserted = Insertion.on_shaft(load_arm("panda"), Instrument(), depth=DEPTH)
+    live = HandView(HandMapping(1.5), inserted)
     for t, position, on in zip(times, positions, engaged, strict=True):
         asked = live.ask(DeviceState(position, engaged=on))
-        again = trace.command(t, DEPTH)
+        again = trace.command(t, inserted.tip_depth)
         for name in ("alpha", "beta", "gamma", "t_z"):
             assert getattr(again, name) == pytest.approx(getattr(asked, name), abs=1e-15)
     assert trace.duration == times[-1]

@@ -214,7 +214,7 @@ def test_a_stop_in_the_middle_of_a_run_is_over_when_the_rows_are_good_again() ->
     def rows(k: int) -> Residual:
         return Residual(E[:1], J[:1] if k % 20 else nan((1, 7)), E[:1])
 
-    levels = [RcmTask(), TipTask(scenario.insertion().tip_depth), Rows(rows)]
+    levels = [RcmTask(), TipTask(), Rows(rows)]
     run = simulate(scenario, HierarchicalQP(scenario.insertion(), scenario.period, levels=levels))
     assert sum(map(len, run.stops.values())) == 2
     assert all("A of level" in reason for reason in run.stops)
@@ -330,7 +330,7 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
             stack(**fits | change)
     made = stack(**fits)
     state = np.eye(8)[0], np.ones((6, 1)), one, one, one
-    asked = np.eye(8)[0], np.zeros(8), np.zeros(3), np.zeros(3), None
+    asked = np.eye(8)[0], np.zeros(8), np.zeros(3), np.zeros(3), (0.0,)
     assert made.step(*state, *asked, [], None)[0].shape == (1,)
     assert made.step(*state, *asked, [3], None) is None
     two = np.eye(8)[0], np.ones((6, 2)), np.ones(2), np.ones(2), np.ones(2)
@@ -340,8 +340,11 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
         made.step(*state, *asked, None, None)
     with pytest.raises(TypeError, match="x must be a C-contiguous array"):
         made.step("x", *state[1:], *asked, [], None)
+    for tool in (None, (), (1,), ("x", np.eye(8)[0], np.ones((6, 1))), (0.1, np.eye(8)[0])):
+        with pytest.raises(TypeError, match="tool_at must be"):
+            made.step(*state, *asked[:4], tool, [], None)
     with pytest.raises(ValueError, match="J_t has 5 numbers, expected 6"):
-        made.step(*state, *asked[:4], (np.eye(8)[0], np.ones(5)), [], None)
+        made.step(*state, *asked[:4], (0.1, np.eye(8)[0], np.ones(5)), [], None)
     given = stack(**fits | {"levels": ((0.0, ((None, 1.0, 1.0),)),)})
     rows = one, np.ones((1, 1)), one
     assert given.step(*state, *asked, [rows], None) is not None

@@ -99,10 +99,8 @@ def test_a_trocar_found_5_mm_off_is_recovered_within_the_limits(name: str) -> No
 
 def test_levels_are_rearranged_in_one_expression() -> None:
     scenario = fast("lwa3", 0.8)
-    insertion, d = scenario.insertion(), scenario.insertion().tip_depth
-    tip_first = HierarchicalQP(
-        insertion, scenario.period, levels=[TipTask(d), RcmTask() + RollTask(weight=0.01)]
-    )
+    levels: list[Task | Together] = [TipTask(), RcmTask() + RollTask(weight=0.01)]
+    tip_first = HierarchicalQP(scenario.insertion(), scenario.period, levels=levels)
     assert tip_first.options["levels"] == ["tip", "rcm + roll"]
     usual, turned = ran(scenario), simulate(scenario, tip_first)
     assert turned.rcm_error.max() > 10.0 * usual.rcm_error.max()
@@ -241,7 +239,7 @@ def test_backends_draw_the_same_helix(arm: str) -> None:
 def test_second_order_takes_the_curvature_out_of_the_rcm() -> None:
     scenario = fast("xarm7", 0.8)
     insertion, T = scenario.insertion(), scenario.period
-    tool = [TipTask(insertion.tip_depth), RollTask()]
+    tool = [TipTask(), RollTask()]
     first, second = (
         simulate(scenario, HierarchicalQP(insertion, T, levels=[RcmTask(period=period), *tool]))
         for period in (0.0, T)
@@ -286,8 +284,8 @@ def test_levels_and_limits_of_another_kind_are_refused() -> None:
 
 def test_what_is_recorded_has_the_same_names_in_a_safe_stop() -> None:
     scenario = load_scenario("conical_helix", "panda")
-    insertion, d = scenario.insertion(), scenario.insertion().tip_depth
-    levels: list[Task | Together] = [RcmTask() + TipTask(d), TipTask(d), TipTask(0.05)]
+    insertion = scenario.insertion()
+    levels: list[Task | Together] = [RcmTask() + TipTask(), TipTask(), TipTask(gain=30.0)]
     controller = HierarchicalQP(insertion, scenario.period, levels=levels)
     state, reference = insertion.state(insertion.q_start), next(scenario.references(insertion))
     usual = controller.step(state, reference).diagnostics

@@ -54,7 +54,7 @@ def image_hand(there: Insertion) -> Asking:
 
 
 def hand_view(there: Insertion) -> Asking:
-    return HandView(HandMapping(), there.tip_depth, there.instrument.camera).ask
+    return HandView(HandMapping(), there).ask
 
 
 def pixels(there: Insertion, view: ViewCommand, point: Array) -> Array:

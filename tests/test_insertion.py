@@ -10,7 +10,7 @@ from helpers import assert_allclose, random_placement, shaft_distance
 from rcmqp import Arm, Insertion, Instrument, Trocar
 from rcmqp.errors import InsertionError, InvalidCommand, JointLimitViolated, TrocarOffShaft
 from rcmqp.maths import dualquaternion as dq
-from rcmqp.world.insertion import insertion_depth, rcm_error
+from rcmqp.world.insertion import rcm_error
 from rcmqp.world.instrument import vector3
 from rcmqp.world.obstacles import Sphere
 
@@ -66,29 +66,29 @@ def test_the_tip_is_at_the_end_of_the_shaft_wherever_the_arm_goes(arm: Arm) -> N
     assert_allclose(insertion.tip(x[0]), expected[0], rtol=0, atol=1e-14)
 
 
-def test_rcm_error_and_depth_are_the_distances_of_the_geometry() -> None:
+def test_rcm_error_and_depth_are_the_distances_of_the_geometry(lwa3: Arm) -> None:
     rng = np.random.default_rng(7)
     placements = [random_placement(rng) for _ in range(6)]
-    pivots, tip_depth = rng.normal(size=(2, 1, 3)), 0.1
+    pivots, inserted = rng.normal(size=(2, 1, 3)), Insertion.on_shaft(lwa3, INSTRUMENT)
     x = np.array([dq.from_se3(oMe) for oMe in placements])
     errors = rcm_error(x, pivots)
-    depths = insertion_depth(x, pivots, tip_depth)
+    depths = inserted.depth(x, pivots)
     assert errors.shape == depths.shape == (2, 6)
     for i, j in np.ndindex(2, 6):
         oMe, pivot = placements[j], pivots[i, 0]
-        beyond = oMe.act(np.array([0.0, 0.0, tip_depth])) - pivot
+        beyond = oMe.act(np.array([0.0, 0.0, inserted.tip_depth])) - pivot
         assert errors[i, j] == pytest.approx(shaft_distance(oMe, pivot), abs=1e-14)
         assert depths[i, j] == pytest.approx(beyond @ oMe.rotation[:, 2], abs=1e-14)
         assert rcm_error(-x[j], pivot) == pytest.approx(errors[i, j], abs=1e-15)
 
 
-def test_rcm_error_is_zero_along_the_whole_shaft() -> None:
+def test_rcm_error_is_zero_along_the_whole_shaft(lwa3: Arm) -> None:
     rng = np.random.default_rng(7)
-    oMe = random_placement(rng)
+    oMe, inserted = random_placement(rng), Insertion.on_shaft(lwa3, INSTRUMENT)
     for along in (-0.2, 0.0, 0.1):
         pivot = oMe.act(np.array([0.0, 0.0, along]))
         assert rcm_error(dq.from_se3(oMe), pivot) < 1e-15
-        assert insertion_depth(dq.from_se3(oMe), pivot, 0.1) == pytest.approx(0.1 - along)
+        assert inserted.depth(dq.from_se3(oMe), pivot) == pytest.approx(0.1 - along)
 
 
 def test_a_trocar_off_the_shaft_is_refused_and_said_by_how_much(lwa3: Arm) -> None:

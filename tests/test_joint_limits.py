@@ -60,7 +60,7 @@ def every_joint() -> Arm:
 def joint_state(angles: Array, v: Array, a: Array | None = None) -> ArmState:
     still = np.zeros_like(v)
     nowhere, J = pin.SE3.Identity(), np.zeros((6, v.size))
-    return ArmState(angles, angles, nowhere, dq.IDENTITY, J, v, still if a is None else a, nowhere)
+    return ArmState(angles, angles, nowhere, dq.IDENTITY, J, v, still if a is None else a, (0.0,))
 
 
 def inside(arm: Arm) -> tuple[Array, Array, Array]:

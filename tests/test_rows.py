@@ -50,7 +50,7 @@ def cycles(arm: str, count: int = 20) -> Iterator[tuple[ArmState, Reference]]:
 
 def tasks(arm: str) -> list[Task]:
     """Every task of the library, with options that are not the usual ones."""
-    given: dict[str, Any] = {"rcm": {"period": T}, "tip": {"tip_depth": 0.17}}
+    given: dict[str, Any] = {"rcm": {"period": T}}
     made = [make_task(name, insertion(arm), **given.get(name, {})) for name in TASKS]
     turning = np.arange(insertion(arm).arm.nv) % 2 == 0
     posture = PostureTask(3.0 * np.cos(np.arange(turning.size)), turning)
@@ -79,7 +79,7 @@ def limits(arm: str, state: ArmState) -> list[Limit]:
             made.append(make_limit(name, inserted, T, **part))
     trocar = replace(inserted.trocar, axis=tuple(-state.oMe.rotation[:, 2]))
     along = replace(inserted.trocar, axis=tuple(state.oMe.rotation[:, 2]))
-    depth = TrocarDepth(replace(trocar, depth_range=(0.02, 0.03)), 0.1, deceleration=0.1)
+    depth = TrocarDepth(replace(trocar, depth_range=(0.02, 0.03)), deceleration=0.1)
     return [*made, TrocarCone(trocar), TrocarCone(along), depth]
 
 
@@ -236,5 +236,5 @@ def test_a_block_refuses_what_it_cannot_be_made_of_or_asked() -> None:
         JointLimits(insertion("panda").arm, T).block.rows(
             *(state.x, state.J_local, state.angles, state.v, state.a),
             *(reference.x_d, reference.x_d_dot, reference.pivot, reference.pivot_dot),
-            None,
+            (0.1,),
         )

@@ -101,8 +101,8 @@ def test_every_backend_takes_rows_of_both_kinds(backend: str) -> None:
 
 def orders(insertion: Insertion) -> dict[str, list[LevelOfTasks]]:
     """Strict below damped, damped on top, shared levels, and every task of the library."""
-    tip, posture = TipTask(insertion.tip_depth, gain=30.0), PostureTask.made_for(insertion)
-    heavy = TipTask(insertion.tip_depth, gain=30.0, weight=2.0)
+    tip, posture = TipTask(gain=30.0), PostureTask.made_for(insertion)
+    heavy = TipTask(gain=30.0, weight=2.0)
     return {
         "shared": [RcmTask(), heavy + RollTask(weight=0.01), posture],
         "shared with the RCM": [RcmTask() + heavy, RollTask(damping=0.0), posture],
@@ -234,9 +234,9 @@ def test_a_method_that_a_step_would_pass_over_is_refused(kind: type) -> None:
     if kind is OwnBox:
         limits = [OwnBox(insertion.arm, T), *limits[1:]]
     elif kind is OwnRows:
-        limits = [*limits, OwnRows(insertion.trocar, insertion.tip_depth)]
+        limits = [*limits, OwnRows(insertion.trocar)]
     else:
-        levels = [levels[0], OwnError(insertion.tip_depth)]
+        levels = [levels[0], OwnError()]
     with pytest.raises(OptionError, match=rf"{kind.__name__} has a \w+\(\) of its own, which"):
         HierarchicalQP(insertion, T, levels=levels, limits=limits)
 

@@ -121,7 +121,7 @@ def test_rows_of_a_wristed_tool_are_derivatives_of_their_errors(name: str) -> No
     reference = Reference(
         insertion.x_rcm, np.zeros(8), np.array(insertion.trocar.pivot), np.zeros(3)
     )
-    tasks: list[Task] = [TipTask(insertion.tip_depth), OrientationTask.made_for(insertion)]
+    tasks: list[Task] = [TipTask(), OrientationTask.made_for(insertion)]
     for task in tasks:
         found = task.evaluate(insertion.state(q), reference)
         assert np.linalg.norm(found.error) > 1e-2

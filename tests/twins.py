@@ -66,19 +66,16 @@ def cycles(insertion: Insertion, count: int = 12) -> Iterator[tuple[ArmState, Re
 
 def usual(insertion: Insertion) -> tuple[list[Task], list[Limit]]:
     """The default levels, and limits of which all are met somewhere."""
-    depth, d = insertion.tip_depth, 1e-3
-    trocar = dataclasses.replace(
-        insertion.trocar, cone_half_angle=0.01, depth_range=(depth - d, depth + d)
-    )
+    deep = (insertion.tip_depth - 1e-3, insertion.tip_depth + 1e-3)
+    trocar = dataclasses.replace(insertion.trocar, cone_half_angle=0.01, depth_range=deep)
     objective = ObjectiveTask.made_for(insertion)
-    levels: list[Task] = [RcmTask(period=T), TipTask(depth), RollTask(), objective]
+    levels: list[Task] = [RcmTask(period=T), TipTask(), RollTask(), objective]
     beyond = insertion.tip(insertion.x_rcm) - insertion.trocar.pivot + np.array([0.02, 0.0, 0.0])
     sphere = KeepOut(
         centre=(float(beyond[0]), float(beyond[1]), float(beyond[2])),
         radius=0.015,
         instrument=insertion.instrument,
-        tip_depth=depth,
         on_trocar=True,
     )
     box = JointLimits(insertion.arm, T)
-    return levels, [box, TrocarCone(trocar, gain=20.0), TrocarDepth(trocar, depth), sphere]
+    return levels, [box, TrocarCone(trocar, gain=20.0), TrocarDepth(trocar), sphere]

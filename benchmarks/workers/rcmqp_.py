@@ -68,7 +68,7 @@ def _hierarchy(
 
 
 def _rcm(insertion: rcmqp.Insertion) -> list[Task]:
-    return [RcmTask(), TipTask(insertion.tip_depth), PostureTask.made_for(insertion)]
+    return [RcmTask(), TipTask(), PostureTask.made_for(insertion)]
 
 
 def _pose(insertion: rcmqp.Insertion) -> list[Task]:

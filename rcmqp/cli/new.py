@@ -59,7 +59,7 @@ class {title}(Controller):
     damping: float = field(default=1e-3, metadata=positive())
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
-        tasks = RcmTask(period=self.period), TipTask(self.insertion.tip_depth), RollTask()
+        tasks = RcmTask(period=self.period), TipTask(), RollTask()
         found = [task.evaluate(state, reference) for task in tasks]
         J = np.vstack([each.jacobian for each in found])
         rate = np.concatenate([-self.gain * each.error - each.drift for each in found])

@@ -111,10 +111,10 @@ class Aghakhani(Controller):
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""
         reference = reference if self.feed_forward else at_rest(reference)
-        tip_depth = self.insertion.tip_depth
-        shaft, first = state.shaft, tip_depth - self.insertion.instrument.length
+        shaft = state.shaft
+        first = shaft.tip - self.insertion.instrument.length
         p_i, J_i = shaft.point(first), shaft.jacobian(first)
-        p_next, J_next = shaft.point(tip_depth), shaft.jacobian(tip_depth)
+        p_next, J_next = shaft.point(shaft.tip), shaft.jacobian(shaft.tip)
         along = p_next - p_i
         lam = self._lambda.value
         if self.reproject or lam is None:

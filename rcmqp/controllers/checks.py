@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,7 +74,9 @@ def is_usable(state: ArmState, reference: Reference) -> bool:
 
 def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Reference]:
     """The same two in contiguous arrays of float64; NaN where there are no numbers."""
-    vectors = {name: _numbers(getattr(state, name)) for name in ("q", "angles", "x", "v", "a")}
+    vectors: dict[str, Any] = {
+        name: _numbers(getattr(state, name)) for name in ("q", "angles", "x", "v", "a")
+    }
     state = dataclasses.replace(state, J_local=np.ascontiguousarray(state.J_local), **vectors)
     return state, Reference(*(_numbers(getattr(reference, name)) for name in _SIZES))
 

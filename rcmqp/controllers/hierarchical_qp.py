@@ -73,7 +73,7 @@ class HierarchicalQP(Controller):
     The levels, unless ``levels`` gives others: RcmTask; TipTask; RollTask, or OrientationTask
     where the instrument has a wrist; ObjectiveTask. Any order is one expression:
 
-        levels = [RcmTask(period=T), TipTask(d) + RollTask(weight=0.01)]
+        levels = [RcmTask(period=T), TipTask() + RollTask(weight=0.01)]
         HierarchicalQP(insertion, T, levels=levels)
 
     The limits, unless ``limits`` gives others: JointLimits (position, speed, acceleration, jerk,
@@ -251,7 +251,7 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
     return (
         JointLimits(arm, period),
         TrocarCone(insertion.trocar, **rates(CONE_DECELERATION)),
-        TrocarDepth(insertion.trocar, insertion.tip_depth, arm.wrist, **rates(DEPTH_DECELERATION)),
+        TrocarDepth(insertion.trocar, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )
 

@@ -42,23 +42,28 @@ static inline double *space_of(PyObject *object, npy_intp size, const char *name
     return numbers;
 }
 
-/* A number; -1, with a Python error, if it is none. */
+/* A number; -1, with a Python error, if it is none. A method __float__ of a class in Python is not
+ * called: it could do away with arrays whose numbers are in use. */
 static inline double number_of(PyObject *object)
 {
-    return PyErr_Occurred() ? -1.0 : PyFloat_AsDouble(object);
+    if (PyErr_Occurred()) return -1.0;
+    if (PyFloat_Check(object)) return PyFloat_AS_DOUBLE(object);
+    if (PyLong_Check(object)) return PyLong_AsDouble(object);
+    if (PyArray_IsScalar(object, Number) && !(Py_TYPE(object)->tp_flags & Py_TPFLAGS_HEAPTYPE))
+        return PyFloat_AsDouble(object);
+    PyErr_Format(PyExc_TypeError, "%s given, it must be a number", Py_TYPE(object)->tp_name);
+    return -1.0;
 }
 
-/* Whether it is true; -1, with a Python error, if it does not say. */
-static inline int truth_of(PyObject *object)
-{
-    return PyErr_Occurred() ? -1 : PyObject_IsTrue(object);
-}
-
-/* A count from 0 to `most`; -1, with a Python error, if it is none. */
+/* A count from 0 to `most`; -1, with a Python error, if it is none; calls no Python either. */
 static inline int count_of(PyObject *object, long most, const char *name)
 {
     int overflow = 0;
     if (PyErr_Occurred()) return -1;
+    if (!PyLong_Check(object)) {
+        PyErr_Format(PyExc_TypeError, "%s must be an int", name);
+        return -1;
+    }
     const long value = PyLong_AsLongAndOverflow(object, &overflow);
     if (PyErr_Occurred()) return -1;
     if (overflow || value < 0 || value > most) {

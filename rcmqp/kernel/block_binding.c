@@ -21,7 +21,7 @@ static const struct {
     const char *name, *numbers, *lines;
 } kinds[KINDS] = {
     [RCM] = {"rcm", "period", ""},
-    [TIP] = {"tip", "tip_depth", ""},
+    [TIP] = {"tip", "", ""},
     [DEPTH] = {"depth", "", ""},
     [ROLL] = {"roll", "", ""},
     [DIRECTION] = {"direction", "", ""},
@@ -35,7 +35,7 @@ static const struct {
     [TROCAR_DEPTH] = {"trocar_depth", DAMPER "last wrist bends shallowest deepest", ""},
     [KEEP_OUT] = {"keep_out", DAMPER SPHERE "wrist bends", ""},
     [KEEP_IN] = {"keep_in", DAMPER SPHERE "wrist bends", ""},
-    [ENTRY_SPHERE] = {"entry_sphere", DAMPER SPHERE, ""},
+    [ENTRY_SPHERE] = {"entry_sphere", DAMPER SPHERE "wrist bends", ""},
     [SINGULARITY_PRODUCT] = {"singularity_product", "", "offsets"},
     [MANIPULABILITY] = {"manipulability", "", ""},
     [LEAST_SINGULAR_VALUE] = {"least_singular_value", "", ""},
@@ -49,7 +49,6 @@ static const struct {
     int count;
 } fields[] = {
     {"period", offsetof(Block, period), 1},
-    {"tip_depth", offsetof(Block, tip_depth), 1},
     {"orientation", offsetof(Block, orientation), 4},
     {"K_c", offsetof(Block, K_c), 1},
     {"c_d", offsetof(Block, c_d), 1},
@@ -216,7 +215,7 @@ static void block_dealloc(BlockObject *self)
 int is_block(PyObject *object) { return Py_IS_TYPE(object, block_type); }
 
 /* A cycle out of its arguments, as compiled code reads them; 0 with a Python error. The last is
- * the pair of pose and Jacobian of a tool with a wrist, or any other object without a wrist. */
+ * ArmState.tool_at: where the tip is, and pose and Jacobian of a tool with a wrist. */
 int read_cycle(PyObject *const *args, Cycle *cycle)
 {
     const npy_intp n = size_of(args[2]);
@@ -233,11 +232,17 @@ int read_cycle(PyObject *const *args, Cycle *cycle)
         .pivot_dot = numbers_of(args[8], NPY_DOUBLE, 3, "pivot_dot"),
     };
     PyObject *tool = args[CYCLE_ARRAYS];
-    if (PyTuple_Check(tool) && PyTuple_GET_SIZE(tool) == 2) {
-        cycle->x_t = numbers_of(PyTuple_GET_ITEM(tool, 0), NPY_DOUBLE, 8, "x_t");
-        cycle->J_t = numbers_of(PyTuple_GET_ITEM(tool, 1), NPY_DOUBLE, 6 * n, "J_t");
+    const Py_ssize_t parts = PyTuple_Check(tool) ? PyTuple_GET_SIZE(tool) : 0;
+    if (parts == 3) {
+        cycle->x_t = numbers_of(PyTuple_GET_ITEM(tool, 1), NPY_DOUBLE, 8, "x_t");
+        cycle->J_t = numbers_of(PyTuple_GET_ITEM(tool, 2), NPY_DOUBLE, 6 * n, "J_t");
     }
     if (PyErr_Occurred()) return 0;
+    if ((parts != 1 && parts != 3) || !PyFloat_Check(PyTuple_GET_ITEM(tool, 0))) {
+        PyErr_SetString(PyExc_TypeError, "tool_at must be (tip,) or (tip, x, J_local)");
+        return 0;
+    }
+    cycle->tip = PyFloat_AS_DOUBLE(PyTuple_GET_ITEM(tool, 0));
     see(cycle);
     return 1;
 }

@@ -44,7 +44,8 @@ static int objective_of(PyObject *aim, npy_intp n, const Block **block, double *
         return 0;
     }
     if (!PyArg_UnpackTuple(aim, "the objective", 2, 2, &value, &gradient)) return 0;
-    *c = PyFloat_AsDouble(value);
+    *c = PyFloat_AsDouble(value); /* which may call Python, so it comes before all arrays */
+    if (PyErr_Occurred()) return 0;
     *J_c = numbers_of(gradient, NPY_DOUBLE, n, "J_c");
     return !PyErr_Occurred();
 }
@@ -57,24 +58,23 @@ PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count)
     if (!counted("law", count, 10)) return NULL;
     const npy_intp n = joints_of(args[1], 2);
     if (n >= 0 && n < RANK) PyErr_SetString(PyExc_ValueError, "the law needs six joints or more");
-    if (PyErr_Occurred()) return NULL;
-    Sight sight = {
-        .x = numbers_of(args[0], NPY_DOUBLE, 8, "x"),
-        .J = numbers_of(args[1], NPY_DOUBLE, 6 * n, "J_local"),
-        .x_d = numbers_of(args[3], NPY_DOUBLE, 8, "x_d"),
-        .x_d_dot = numbers_of(args[4], NPY_DOUBLE, 8, "x_d_dot"),
-    };
+    Sight sight = {0};
+    const Block *block = NULL;
+    if (PyErr_Occurred() || !objective_of(args[5], n, &block, &sight.c, &sight.J_c)) return NULL;
+    sight.x = numbers_of(args[0], NPY_DOUBLE, 8, "x");
+    sight.J = numbers_of(args[1], NPY_DOUBLE, 6 * n, "J_local");
+    sight.x_d = numbers_of(args[3], NPY_DOUBLE, 8, "x_d");
+    sight.x_d_dot = numbers_of(args[4], NPY_DOUBLE, 8, "x_d_dot");
     const double *angles = numbers_of(args[2], NPY_DOUBLE, n, "angles");
     const Law made = {
         (int)n,
         numbers_of(args[6], NPY_DOUBLE, LAW_NUMBERS, "numbers"),
         numbers_of(args[7], NPY_DOUBLE, n, "limits"),
-        truth_of(args[8]),
+        count_of(args[8], 1, "feed_forward"),
         (Limited)count_of(args[9], CLIP, "limited"),
     };
-    const Block *block = NULL;
     double *v = NULL;
-    if (PyErr_Occurred() || !objective_of(args[5], n, &block, &sight.c, &sight.J_c)) return NULL;
+    if (PyErr_Occurred()) return NULL;
     PyObject *answer = vector(n, &v);
     const size_t size = memory_for_law((int)n) + memory_for_objective((int)n) + (size_t)n;
     Arena *arena = answer == NULL ? NULL : scratch(size);
@@ -148,7 +148,8 @@ PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
     (void)self;
     if (!counted("view_pose", count, VIEW_NUMBERS + 2)) return NULL;
     double view[VIEW_NUMBERS], *x_d = NULL, *x_d_dot = NULL, *pivot = NULL;
-    for (int i = 0; i < VIEW_NUMBERS; ++i) view[i] = number_of(args[1 + i]);
+    for (int i = 0; i < VIEW_NUMBERS && !PyErr_Occurred(); ++i)
+        view[i] = PyFloat_AsDouble(args[1 + i]);
     if (PyErr_Occurred()) return NULL;
     PyArrayObject *x_rcm = numbers_in(args[0]), *pivot_dot = NULL;
     if (x_rcm != NULL) pivot_dot = numbers_in(args[VIEW_NUMBERS + 1]);

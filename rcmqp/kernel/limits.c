@@ -80,7 +80,7 @@ static void see_chain(const Cycle *cycle, const Block *block, Chain *chain)
 {
     double R[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
     const int m = chain->bends = (int)block->bends;
-    chain->place[0][0] = chain->place[0][1] = 0.0, chain->place[0][2] = block->last;
+    chain->place[0][0] = chain->place[0][1] = 0.0, chain->place[0][2] = cycle->tip + block->last;
     for (int k = 0; k < m; ++k) {
         const double *joint = block->wrist + BEND_NUMBERS * k;
         turned(R, joint, chain->axis[k]);
@@ -188,8 +188,8 @@ static void sphere_row(const Sight *sight, const double *point, int moved, doubl
 /* The row of the nearest point of the shaft. */
 static void shaft_row(const Sight *sight, double *C, double *d)
 {
-    const Block *block = sight->block;
-    const double nearest[3] = {0.0, 0.0, smaller(larger(sight->b[2], block->first), block->last)};
+    const double first = sight->cycle->tip + sight->block->first, *last = sight->chain.place[0];
+    const double nearest[3] = {0.0, 0.0, smaller(larger(sight->b[2], first), last[2])};
     sphere_row(sight, nearest, 0, C, d);
 }
 
@@ -210,7 +210,7 @@ static void sphere_rows(const Cycle *cycle, const Block *block, double *C, doubl
     see_sphere(cycle, block, sight.b, sight.drift);
     see_chain(cycle, block, &sight.chain);
     const int m = sight.chain.bends, n = cycle->n, tip_only = block->first == block->last;
-    const double mount[3] = {0.0, 0.0, block->first};
+    const double mount[3] = {0.0, 0.0, cycle->tip + block->first};
     if (block->kind == ENTRY_SPHERE) {
         shaft_row(&sight, C, d);
         return;

@@ -47,7 +47,7 @@ PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count)
     PyArrayObject *array = copy_of(args[0]);
     if (array == NULL) return NULL;
     int fits = PyArray_NDIM(array) == count - 1;
-    for (int i = 0; fits && i < PyArray_NDIM(array); ++i) {
+    for (int i = 0; fits && !PyErr_Occurred() && i < PyArray_NDIM(array); ++i) {
         const Py_ssize_t size = PyLong_AsSsize_t(args[i + 1]);
         fits = size < 0 || PyArray_DIM(array, i) == size;
     }

@@ -85,10 +85,10 @@ static void rcm_rows(const Cycle *cycle, double period, double *A, double *b, do
     }
 }
 
-static void tip_rows(const Cycle *cycle, double depth, double *A, double *b, double *e)
+static void tip_rows(const Cycle *cycle, double *A, double *b, double *e)
 {
     const int n = cycle->n;
-    const double a[3] = {0.0, 0.0, depth};
+    const double a[3] = {0.0, 0.0, cycle->tip};
     double own[3], other[3], speed[3], nu[3], omega[3], part[3];
     turned(cycle->R, a, own);
     turned(cycle->R_d, a, other);
@@ -243,7 +243,7 @@ void task_rows(const Cycle *cycle, const Block *block, double *A, double *b, dou
 {
     switch (block->kind) {
     case RCM: rcm_rows(cycle, block->period, A, b, e); break;
-    case TIP: tip_rows(cycle, block->tip_depth, A, b, e); break;
+    case TIP: tip_rows(cycle, A, b, e); break;
     case DEPTH: depth_rows(cycle, A, b, e); break;
     case ROLL: roll_rows(cycle, A, b, e); break;
     case DIRECTION: direction_rows(cycle, A, b, e); break;

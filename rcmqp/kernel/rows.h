@@ -11,7 +11,7 @@
 /* Tasks, then limits, then objectives. */
 typedef enum {
     RCM,       /* period (0: no second order) */
-    TIP,       /* tip_depth */
+    TIP,
     DEPTH,
     ROLL,
     DIRECTION,
@@ -24,7 +24,7 @@ typedef enum {
     TROCAR_DEPTH, /* of a damper, last, wrist, bends, shallowest, deepest */
     KEEP_OUT,     /* of a damper, centre, velocity, on_trocar, reach, first, last, wrist, bends */
     KEEP_IN,      /* the same; in both, first is last where only the tip counts */
-    ENTRY_SPHERE, /* the same without wrist and bends */
+    ENTRY_SPHERE, /* the same */
     SINGULARITY_PRODUCT, /* vectors: offsets */
     MANIPULABILITY,
     LEAST_SINGULAR_VALUE,
@@ -46,7 +46,7 @@ enum { LOWEST, HIGHEST, SPEED, ACCELERATION, JERK, BRAKING, EASING };
 /* The options; what a kind does not have is zero. */
 typedef struct Block {
     Kind kind;
-    double period, tip_depth, K_c, c_d;
+    double period, K_c, c_d;
     double orientation[4]; /* that the tool is to have in the world */
     double gain, deceleration, jerk; /* of a damper, with the period */
     double half_angle, axis[3];
@@ -54,7 +54,7 @@ typedef struct Block {
     double centre[3], velocity[3];
     double on_trocar;   /* whether the sphere moves along with the trocar */
     double reach;       /* how near or far the axis may be to the centre */
-    double first, last; /* ends of the part of the shaft that counts, from the effector */
+    double first, last; /* ends of the part of the shaft that counts, from the straight tip */
     double bends;       /* joints of a wrist, which are the arm's last ones */
     double wrist[BEND_NUMBERS * MOST_BENDS]; /* of each its axis (3), and how far the next place is */
     const struct Block *objective;
@@ -74,6 +74,7 @@ typedef struct {
     const double *x_d_dot;   /* (8) */
     const double *pivot;     /* (3) */
     const double *pivot_dot; /* (3) */
+    double tip;              /* from the effector to the tip, where a wrist is straight */
     const double *x_t;       /* (8) pose of a tool with a wrist; NULL where it is fixed to the shaft */
     const double *J_t;       /* (6, n) its local Jacobian; NULL likewise */
     double R[9], p[3];       /* the effector's placement, from x */

@@ -134,13 +134,15 @@ static PyObject *stack_new(PyTypeObject *type, PyObject *args, PyObject *options
         n < 1)
         PyErr_SetString(PyExc_ValueError, "names must be four more than there are levels, guarded "
                                           "at most as many, max_rounds positive, and a joint there");
+    if (!PyErr_Occurred()) { /* before a task's number calls Python */
+        memcpy(self->numbers + count, a, sizeof(double) * (size_t)n);
+        memcpy(self->numbers + count + n, j, sizeof(double) * (size_t)n);
+    }
     if (PyErr_Occurred() || read_tasks(self, levels) < 0 || read_limits(self, limits) < 0) {
         Py_DECREF(self);
         return NULL;
     }
     stack->damping = self->numbers;
-    memcpy(self->numbers + count, a, sizeof(double) * (size_t)n);
-    memcpy(self->numbers + count + n, j, sizeof(double) * (size_t)n);
     read_abilities(stack, self->numbers + count, self->numbers + count + n);
     return (PyObject *)self;
 }

@@ -39,7 +39,7 @@ PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count)
         if (!vector_of(args[i + 1], sizes[i], &numbers)) Py_RETURN_FALSE;
         if (i == 3) x_d = numbers;
     }
-    const double tolerance = PyFloat_AsDouble(args[8]);
+    const double tolerance = number_of(args[8]);
     if (PyErr_Occurred()) return NULL;
     const double size = sqrt(dot(x_d, x_d, 4)), mixed = dot(x_d, x_d + 4, 4);
     return PyBool_FromLong(fabs(size - 1.0) <= tolerance && fabs(mixed) <= tolerance);

@@ -118,7 +118,7 @@ class Limit(abc.ABC):
     def made_for(cls, insertion: Insertion, period: float, **options: Any) -> Self:
         """The limit for an insertion and a sampling period T [s].
 
-        Fields called arm, instrument, trocar, tip_depth, wrist and period fill in.
+        Fields called arm, instrument, trocar, wrist and period fill in.
         """
         return cls(**filled_in(cls, insertion, options, period=period))
 

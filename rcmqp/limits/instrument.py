@@ -11,7 +11,7 @@ import numpy as np
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.limits.base import CompiledLimit, Damper
-from rcmqp.maths.options import finite, one_of, positive, rule
+from rcmqp.maths.options import one_of, positive, rule
 from rcmqp.world.insertion import Insertion, filled_in
 from rcmqp.world.instrument import MOST_JOINTS, Instrument, Trocar, Vector3, Wrist, vector3
 
@@ -37,7 +37,6 @@ class SphereLimit(CompiledLimit, Damper):
         radius: [m].
         instrument: a capsule: its axis reaches from mount to tip, along the shaft and then the
             pieces of the wrist, as bent as it is; its radius counts.
-        tip_depth: from the effector to the tip, along the shaft [m]; with a straight wrist.
         velocity: (3,) of the centre [m/s]. The limit knows no time: for a sphere that moves,
             make a new one each cycle (``dataclasses.replace``), or see ``on_trocar``.
         on_trocar: centre and velocity are counted from the trocar's, in the world's axes: the
@@ -51,23 +50,18 @@ class SphereLimit(CompiledLimit, Damper):
     centre: Vector3 = field(metadata=rule(vector3))
     radius: float = field(metadata=positive("m"))
     instrument: Instrument
-    tip_depth: float = field(metadata=finite("m"))
     velocity: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=rule(vector3))
     on_trocar: bool = False
     label: str = "sphere"
 
     @property
-    def mount_depth(self) -> float:
-        """Where the shaft begins, from the effector along the shaft [m]; negative."""
-        return self.tip_depth - (self.instrument.tip - self.instrument.mount_offset)
+    def mount(self) -> float:
+        """Where the shaft begins, from the tip of a straight instrument [m]; negative."""
+        return self.instrument.mount_offset - self.instrument.tip
 
-    @property
-    def shaft_depth(self) -> float:
-        """Where the shaft ends, from the effector [m]; the tip, or the first joint of a wrist."""
-        return shaft_depth(self.instrument.wrist, self.tip_depth)
-
-    def ball(self, kind: str, reach: float, first: float, **wrist: Any) -> Block:
-        """Rows for the axis from ``first`` on, ``reach`` from the centre or less [m]."""
+    def ball(self, kind: str, reach: float, *, whole: bool) -> Block:
+        """Rows for the tip or the ``whole`` axis, ``reach`` from the centre or less [m]."""
+        wrist = bends(self.instrument.wrist)
         return Block(
             kind,
             **self.rates,
@@ -75,8 +69,7 @@ class SphereLimit(CompiledLimit, Damper):
             velocity=vector3("velocity", self.velocity),
             on_trocar=float(self.on_trocar),
             reach=reach,
-            first=first,
-            last=self.shaft_depth,
+            first=self.mount if whole else wrist["last"],
             **wrist,
         )
 
@@ -96,11 +89,6 @@ class SphereLimit(CompiledLimit, Damper):
         return room
 
 
-def shaft_depth(wrist: Wrist | None, tip_depth: float) -> float:
-    """From the effector to the first joint of a wrist, or to the tip without one [m]."""
-    return tip_depth if wrist is None else tip_depth - sum(wrist.pieces)
-
-
 def pieces(wrist: Wrist | None) -> tuple[str, ...]:
     """The joint that each piece of a wrist begins at; pieces without length are none."""
     if wrist is None:
@@ -110,13 +98,20 @@ def pieces(wrist: Wrist | None) -> tuple[str, ...]:
 
 
 def bends(wrist: Wrist | None) -> dict[str, Any]:
-    """The options of a Block that knows a wrist: how many joints, and the numbers of each."""
+    """The options of a Block that knows a wrist: how many joints, and the numbers of each.
+
+    ``last`` is where the shaft ends, from the straight tip.
+    """
     table = np.zeros((MOST_JOINTS, 4))
     if wrist is None:
-        return {"wrist": table.ravel(), "bends": 0.0}
+        return {"last": 0.0, "wrist": table.ravel(), "bends": 0.0}
     for row, joint, length in zip(table, wrist.joints, wrist.pieces, strict=False):
         row[:] = *joint.axis, length
-    return {"wrist": table.ravel(), "bends": float(len(wrist.joints))}
+    return {
+        "last": -sum(wrist.pieces),
+        "wrist": table.ravel(),
+        "bends": float(len(wrist.joints)),
+    }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,9 +142,8 @@ class KeepOut(SphereLimit):
     @functools.cached_property
     def block(self) -> Block:
         """One row [m/s]; with a wrist, one more for each of its pieces."""
-        first = self.mount_depth if self.part == "shaft" else self.shaft_depth
         reach = self.radius + self.instrument.radius
-        return self.ball("keep_out", reach, first, **bends(self.instrument.wrist))
+        return self.ball("keep_out", reach, whole=self.part == "shaft")
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -176,8 +170,7 @@ class KeepIn(SphereLimit):
     @functools.cached_property
     def block(self) -> Block:
         """One row [m/s] for the tip; others for where the pieces of a wrist begin, the mount."""
-        first = self.mount_depth if self.part == "shaft" else self.shaft_depth
-        return self.ball("keep_in", self.room, first, **bends(self.instrument.wrist))
+        return self.ball("keep_in", self.room, whole=self.part == "shaft")
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -203,7 +196,7 @@ class EntrySphere(SphereLimit):
     @functools.cached_property
     def block(self) -> Block:
         """One row [m/s]."""
-        return self.ball("entry_sphere", self.room, self.mount_depth)
+        return self.ball("entry_sphere", self.room, whole=True)
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -265,14 +258,12 @@ class TrocarDepth(CompiledLimit, Damper):
 
     Attributes:
         trocar: its depth range.
-        tip_depth: from the effector to the tip, along the shaft [m]; with a straight wrist.
         wrist: of the instrument; None without one.
     """
 
     name: ClassVar[str] = "trocar_depth"
 
     trocar: Trocar
-    tip_depth: float = field(metadata=finite("m"))
     wrist: Wrist | None = None
 
     @functools.cached_property
@@ -282,7 +273,6 @@ class TrocarDepth(CompiledLimit, Damper):
         return Block(
             "trocar_depth",
             **self.rates,
-            last=shaft_depth(self.wrist, self.tip_depth),
             **bends(self.wrist),
             shallowest=shallowest,
             deepest=deepest,

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from rcmqp.errors import RcmqpError
+from rcmqp.errors import OptionError, RcmqpError
 
 BUFFER = 1 << 16
 """Largest number of bytes that wait on the way to or from the loop; older ones are out of date."""
@@ -86,11 +86,22 @@ async def at_rest(loop: LoopProcess, last: asyncio.Task[dict[str, Any]]) -> dict
         return {"fault": f"the loop did not come to rest in {LEAVING:g} s and was killed"}
 
 
+def channel_ends() -> tuple[socket.socket, socket.socket]:
+    """Both ends of a channel for messages between processes.
+
+    Raises:
+        OptionError: the system has no such thing.
+    """
+    if not hasattr(socket, "AF_UNIX"):
+        raise OptionError("a live loop needs sockets of Unix, which this system does not have")
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+
+
 @contextlib.contextmanager
 def loop_process(header: dict[str, Any]) -> Iterator[LoopProcess]:
     """A process for a loop, told what to do; see session.run(). Ctrl-C is not for it."""
     with contextlib.ExitStack() as stack:
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ours, theirs = channel_ends()
         stack.enter_context(contextlib.closing(ours))
         ours.setblocking(False)
         with contextlib.closing(theirs):

@@ -35,7 +35,7 @@ from rcmqp.runs.loop_record import LoopRecorder
 from rcmqp.runs.scenario import Scenario
 from rcmqp.show.viewer.timeline import FRAME_RATE, slip
 from rcmqp.world.arm import ArmState
-from rcmqp.world.insertion import Insertion, insertion_depth
+from rcmqp.world.insertion import Insertion
 
 LONGEST = 86400.0
 """A session ends after a day [s]."""
@@ -136,7 +136,7 @@ class Session:
             "pivot": pivot.tolist(),
             "slip": slip(state.x, pivot).tolist(),
             "tip_error": [tip_distance(state, asked, insertion)],
-            "depth": [float(insertion_depth(state.x, pivot, insertion.tip_depth))],
+            "depth": [float(insertion.depth(state.x, pivot))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,
             "viscosity": self.steering.viscosity,

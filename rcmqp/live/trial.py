@@ -14,6 +14,7 @@ from rcmqp.experiments.trial.people import Folder
 from rcmqp.live import LOCAL
 from rcmqp.live.console import listening
 from rcmqp.live.forms import waiting_page
+from rcmqp.live.loop_process import channel_ends
 from rcmqp.live.server import Console, Server
 from rcmqp.live.sitting import BrokenOff, Sitting
 from rcmqp.realtime.system import ENDING
@@ -43,7 +44,7 @@ def run_trial(
         RcmqpError: a loop cannot begin, or a file cannot be written.
     """
     token = secrets.token_urlsafe(16)
-    nowhere, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)  # before the first loop
+    nowhere, other = channel_ends()  # before the first loop
     nowhere.setblocking(False)
     with nowhere, other, listening(LOCAL[0], port) as listener:
         console = Console(waiting_page(), token, nowhere, local=True)

@@ -16,7 +16,6 @@ from rcmqp.references.operators import Steered
 from rcmqp.references.paths import Path, views_of
 from rcmqp.references.view import STILL, Reference, Stamped
 from rcmqp.world.arm import ArmState
-from rcmqp.world.camera import camera_pose
 from rcmqp.world.insertion import Insertion
 
 
@@ -177,12 +176,10 @@ class Governed:
 
 def tip_distance(state: ArmState, reference: Reference, insertion: Insertion) -> float:
     """Distance of a state's tip from a reference's [m]."""
-    tip_depth = insertion.tip_depth
-    if isinstance(state.tool_at, tuple):
-        asked = dq.translation(camera_pose(reference.x_d, tip_depth))
-        return float(np.linalg.norm(dq.translation(state.tool_at[0]) - asked))
-    *_, seen = _kernel.observed(state.x, reference.x_d, reference.pivot, STILL, tip_depth)
-    return float(seen[0, 0])
+    tip = insertion.tip(state.x)
+    if len(state.tool_at) == 3:
+        tip = dq.translation(state.tool_at[1])
+    return float(np.linalg.norm(tip - insertion.tip(reference.x_d)))
 
 
 def check_may_wait(path: Path | Steered) -> None:

@@ -15,7 +15,7 @@ from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths.options import options, positive
 from rcmqp.references.view import ViewCommand, view_of_tip
 from rcmqp.world.insertion import Insertion
-from rcmqp.world.instrument import Camera, Vector3
+from rcmqp.world.instrument import Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,22 +137,19 @@ class HandMapping:
 class HandView:
     """Clutch and mapping of one run; ask() once a cycle."""
 
-    def __init__(
-        self, mapping: HandMapping, tip_depth: float, camera: Camera | None = None
-    ) -> None:
-        """The tip is ``tip_depth`` [m] inside at the start.
+    def __init__(self, mapping: HandMapping, insertion: Insertion) -> None:
+        """The hand moves the tip in the axes of the first image.
 
-        The hand moves it in the axes of the first image of the ``camera``, which may look to the
-        side and be rolled; without one, of a camera that looks along the shaft.
+        The instrument's camera may look to the side and be rolled.
         """
-        self._mapping, self._tip_depth, self._clutch = mapping, tip_depth, Clutch()
-        self._rows = (camera or Camera()).rotation.tolist()
+        self._mapping, self._clutch, self._depth = mapping, Clutch(), insertion.tip_depth
+        self._rows = insertion.instrument.camera.rotation.tolist()
 
     def ask(self, state: DeviceState) -> ViewCommand:
         """The view that the handle asks for; at the first call, that of the start."""
         way = self._clutch.step(state.position, state.engaged)
         velocity = state.velocity if state.engaged else (0.0, 0.0, 0.0)
-        return self._mapping.view(self._turned(way), self._turned(velocity), self._tip_depth)
+        return self._mapping.view(self._turned(way), self._turned(velocity), self._depth)
 
     def _turned(self, vector: Vector3) -> Vector3:
         """From the camera's axes to those of the shaft, number by number: wanted every cycle."""
@@ -207,7 +204,7 @@ class ImageHand:
         self.view = ViewCommand()
         self._turn = instrument.camera.rotation
         self._looks_aside = instrument.camera.angle > 0.0
-        self._scale, self._tip_depth, self._clutch = scale, insertion.tip_depth, Clutch()
+        self._scale, self._depth, self._clutch = scale, insertion.tip_depth, Clutch()
         self._flattest = math.cos(max(0.0, min(trocar.cone_half_angle - leaning, STEEPEST)))
         self._depths = (
             max(SHALLOWEST, trocar.depth_range[0]),
@@ -225,7 +222,7 @@ class ImageHand:
         if right or down or inwards or turn:
             sine, cosine = math.sin(view.gamma), math.cos(view.gamma)
             x, y = cosine * right - sine * down, sine * right + cosine * down
-            depth = self._tip_depth + view.t_z
+            depth = self._depth + view.t_z
             alpha = view.alpha + x / (depth * math.cos(view.beta))
             beta = view.beta - y / depth
             if math.cos(alpha) * math.cos(beta) < self._flattest or abs(beta) > STEEPEST:
@@ -234,7 +231,7 @@ class ImageHand:
                 turn += math.sin(0.5 * (view.beta + beta)) * (alpha - view.alpha)
             low, high = self._depths
             deep = min(max(depth + inwards, low), max(depth, high))
-            self.view = ViewCommand(alpha, beta, view.gamma + turn, deep - self._tip_depth)
+            self.view = ViewCommand(alpha, beta, view.gamma + turn, deep - self._depth)
         return self.view
 
 

@@ -8,7 +8,6 @@ from dataclasses import astuple, dataclass
 from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
@@ -16,7 +15,7 @@ from rcmqp._kernel import record
 from rcmqp.errors import InvalidCommand
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.world.arm import ArmState
+from rcmqp.world.arm import ArmState, ToolAt
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +179,7 @@ def view_of_pose(x_rcm: ArrayLike, x: ArrayLike) -> ViewCommand:
     )
 
 
-Cycle: TypeAlias = tuple[
-    Array, Array, Array, Array, Array, Array, Array, Array, Array, pin.SE3 | tuple[Array, Array]
-]
+Cycle: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, ToolAt]
 """Arrays of a state and a reference, in the order in which compiled code takes them."""
 
 

@@ -63,7 +63,7 @@ class Derived:
         axis = np.array(scenario.trocar.axis)
         tip, tip_d, seen = _kernel.observed(x, x_d, pivot, axis, insertion.tip_depth)
         if insertion.arm.wrist is not None:
-            tool = np.array([insertion.state(q).tool_at[0] for q in rows["q"]])
+            tool = np.array([insertion.state(q).tool_at[1:2] for q in rows["q"]])[:, 0]
             tip, along = dq.translation(tool), dq.rotate(dq.P(x), np.array([0.0, 0.0, 1.0]))
             seen[:, _OBSERVED.index("depth")] = np.sum((tip - pivot) * along, axis=1)
             turn = dq.quaternion_mul(dq.quaternion_conj(dq.P(tool)), dq.P(insertion.tool_start))

@@ -1,7 +1,7 @@
 """Tasks: what is wanted of the arm, as an error with its Jacobian and its drift.
 
 A new task is a frozen dataclass derived from Task with evaluate(), added to TASKS. Tasks that
-are added up share a level: ``TipTask(0.1) + RollTask(weight=0.01)``.
+are added up share a level: ``TipTask() + RollTask(weight=0.01)``.
 """
 
 from __future__ import annotations

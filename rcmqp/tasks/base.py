@@ -124,7 +124,7 @@ class Task(abc.ABC):
 
     @classmethod
     def made_for(cls, insertion: Insertion, **options: Any) -> Self:
-        """The task for an insertion; fields called arm, instrument, trocar, tip_depth fill in."""
+        """The task for an insertion; fields called arm, instrument, trocar and wrist fill in."""
         return cls(**filled_in(cls, insertion, options))
 
     @abc.abstractmethod
@@ -192,7 +192,7 @@ class CompiledTask(Task):
 class Together:
     """Tasks on one level: min sum of weight |jacobian @ v + gain error + drift|^2.
 
-    Made by adding tasks: ``TipTask(0.1) + RollTask(weight=0.01)``. Errors in metres and in
+    Made by adding tasks: ``TipTask() + RollTask(weight=0.01)``. Errors in metres and in
     radians are added up as they stand; the weights say what a radian is worth.
 
     Attributes:

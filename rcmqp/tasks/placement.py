@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from rcmqp._kernel import Block
 from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
-from rcmqp.maths.options import at_least, finite, rule
+from rcmqp.maths.options import at_least, rule
 from rcmqp.tasks.base import CompiledTask
 from rcmqp.world.insertion import Insertion
 
@@ -21,36 +21,30 @@ from rcmqp.world.insertion import Insertion
 class TipTask(CompiledTask):
     """Bring the tip to where the desired effector has it.
 
-    With a = tip_depth e_z the tip in the effector's axes, the tip is p + R a, so
+    With a the tip in the effector's axes, straight along the shaft, the tip is p + R a, so
 
         e = (p + R a) - (p_d + R_d a),
         de/dt = R (nu - [a]x omega) - R_d (nu_d + omega_d x a).
 
     A tool with a wrist is where the wrist has it, p_t with R_t and nu_t, and is asked to be there
     too: then e = p_t - (p_d + R_d a), and R_t nu_t stands in place of R (nu - [a]x omega).
-
-    Attributes:
-        tip_depth: from the effector to the tip, along the shaft [m]; with a straight wrist.
     """
 
     name: ClassVar[str] = "tip"
     unit: ClassVar[str] = "m"
 
-    tip_depth: float = field(metadata=finite("m"))
-
     @functools.cached_property
     def block(self) -> Block:
         """Error (3,) [m], in the world's axes."""
-        return Block("tip", tip_depth=self.tip_depth)
+        return Block("tip")
 
 
 @dataclass(frozen=True, eq=False)
 class DepthTask(CompiledTask):
     """Bring the insertion depth to that of the desired effector.
 
-    Both are measured along a shaft, its own each, from the trocar: depth = tip_depth - r_z with
-    r = R^T (pivot - p), see RcmTask. The depth of the tip below the effector is the same for
-    both and drops out:
+    Both are measured along a shaft, its own each, from the trocar: depth = a_z - r_z with
+    r = R^T (pivot - p), see RcmTask, and a as in TipTask, the same for both, which drops out:
 
         e = r_d,z - r_z,   de/dt = ([r_d]x omega_d - nu_d + R_d^T pivot_dot)_z
                                  - ([r]x omega - nu + R^T pivot_dot)_z.

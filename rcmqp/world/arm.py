@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -64,6 +64,10 @@ class ModelSource:
     meshes: Mapping[str, str] = field(default_factory=dict)
 
 
+ToolAt: TypeAlias = tuple[float] | tuple[float, Array, Array]
+"""What is known of a tool, see ``ArmState.tool_at``."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
     """What one kinematics pass found at ``q``.
@@ -82,8 +86,9 @@ class ArmState:
             command: the next one is kept within the acceleration limits of it.
         a: (nv,) joint acceleration now [rad/s^2]; zero where none is given. In a control loop, the
             last command minus the one before, over the period: limits on jerk count from it.
-        tool_at: what ``tool`` is made of: where the tool is, seen from the effector; or, with a
-            wrist, its pose (8,) in the world as a unit dual quaternion and its Jacobian (6, nv).
+        tool_at: what ``tool`` is made of: how far the tip is beyond the effector, along the shaft
+            [m], as with a straight wrist; and, with a wrist, the tool's pose (8,) in the world as
+            a unit dual quaternion and its Jacobian (6, nv).
     """
 
     q: Array
@@ -93,21 +98,21 @@ class ArmState:
     J_local: Array
     v: Array
     a: Array
-    tool_at: pin.SE3 | tuple[Array, Array]
+    tool_at: ToolAt
 
     @property
     def shaft(self) -> Shaft:
         """The shaft: its points by their depth beyond the effector."""
-        return Shaft(self.oMe, self.J_local, self.v)
+        return Shaft(self.oMe, self.J_local, self.v, self.tool_at[0])
 
     @property
     def tool(self) -> Tool:
         """The tool: the tip, in the shaft's axes, or what a wrist carries."""
-        if isinstance(self.tool_at, tuple):
-            x, J_local = self.tool_at
+        if len(self.tool_at) == 3:
+            _, x, J_local = self.tool_at
             return Tool(dq.to_se3(x), J_local)
-        turned = self.tool_at.toActionMatrixInverse() @ self.J_local
-        return Tool(self.oMe * self.tool_at, turned)
+        eMt = pin.SE3(np.eye(3), np.array([0.0, 0.0, *self.tool_at]))
+        return Tool(self.oMe * eMt, eMt.toActionMatrixInverse() @ self.J_local)
 
     @property
     def J_world_aligned(self) -> Array:
@@ -211,7 +216,7 @@ class Arm(Limited):
         offset = flange_offset or pin.SE3.Identity()
         self._joint: int = frame.parentJoint
         self.jMflange = frame.placement * offset
-        self._put_effector(self.jMflange, pin.SE3.Identity())
+        self._put_effector(self.jMflange, 0.0)
         self._sizes: tuple[int, int] = (model.nq, model.nv)
         self._still = _vector("still", np.zeros(model.nv), model.nv)
         self._continuous = np.array([joint.nq == 2 for joint in model.joints[1:]])
@@ -253,11 +258,10 @@ class Arm(Limited):
     def with_effector(self, flangeMe: pin.SE3, depth: float = 0.0) -> Arm:
         """The same arm, with the effector at a fixed placement seen from the flange.
 
-        Without a wrist the tool is ``depth`` [m] beyond the effector, along its z.
+        The tip is ``depth`` [m] beyond the effector, along its z; a wrist's where it is straight.
         """
         arm = copy.copy(self)
-        tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, depth]))
-        arm._put_effector(self.jMflange * flangeMe, tip)
+        arm._put_effector(self.jMflange * flangeMe, float(depth))
         return arm
 
     def state(
@@ -284,11 +288,12 @@ class Arm(Limited):
         J_local = _frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
         x = _kernel.from_xyzquat(_xyzquat(oMe))
         angles = self._frozen_angles(here) if self._endless else here
-        tool = self._tip
+        tool: ToolAt = self._tip
         if self.wrist is not None:
             oMt = _placement(model, data, self._tool)
             J_t = _frozen(_jacobian(model, data, self._tool, _LOCAL), 6, nv)
-            tool = _kernel.from_xyzquat(_xyzquat(oMt)), J_t
+            assert J_t is not None  # for mypy
+            tool = *self._tip, _kernel.from_xyzquat(_xyzquat(oMt)), J_t
         return _kernel.record(ArmState, here, angles, oMe, x, J_local, v, a, tool)
 
     def skeleton(self, q: ArrayLike) -> Array:
@@ -390,13 +395,12 @@ class Arm(Limited):
             )
         return np.array([angles[joint] for joint in self.joints], dtype=float)
 
-    def _put_effector(self, jMe: pin.SE3, tip: pin.SE3) -> None:
+    def _put_effector(self, jMe: pin.SE3, tip: float) -> None:
         """Put the effector at a placement seen from the flange's joint: a frame of its own.
 
-        A wrist's tool is another one; without a wrist the tool is at ``tip``, seen from the
-        effector.
+        The straight tip is ``tip`` [m] beyond it; a wrist's tool is another frame.
         """
-        self._kinematics, self._tip = self.model.copy(), tip
+        self._kinematics, self._tip = self.model.copy(), (tip,)
         effector = pin.Frame("rcmqp_effector", self._joint, jMe, pin.FrameType.OP_FRAME)
         self._effector = self._kinematics.addFrame(effector)
         if self.wrist is not None:

@@ -18,11 +18,13 @@ class Shaft:
         oMe: placement of the effector in the world, z along the shaft.
         J_local: (6, nv) twist of the effector per joint velocity, in its own axes.
         v: (nv,) joint velocity [rad/s].
+        tip: depth of the tip beyond the effector, where a wrist is straight [m].
     """
 
     oMe: pin.SE3
     J_local: Array
     v: Array
+    tip: float
 
     def point(self, depth: float) -> Array:
         """The point (3,) ``depth`` [m] beyond the effector, along the shaft, in the world [m]."""

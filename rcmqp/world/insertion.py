@@ -168,19 +168,17 @@ class Insertion:
         """Tip (..., 3) in the world [m] for effector poses x (..., 8), of a straight wrist."""
         return dq.translation(x) + dq.rotate(dq.P(x), np.array([0.0, 0.0, self.tip_depth]))
 
+    def depth(self, x: ArrayLike, pivot: ArrayLike) -> Array:
+        """How far (...) that tip is beyond the pivot (..., 3) [m], along the shaft."""
+        seen = dq.rotate(dq.quaternion_conj(dq.P(x)), np.asarray(pivot) - dq.translation(x))
+        return np.asarray(self.tip_depth - seen[..., 2])
+
 
 def rcm_error(x: ArrayLike, pivot: ArrayLike) -> Array:
     """Distance (...) from the pivot (..., 3) to the shaft's axis [m], for effectors x (..., 8)."""
     r_conj = dq.quaternion_conj(dq.P(x))
     seen = dq.rotate(r_conj, np.asarray(pivot) - dq.translation(x))
     return np.asarray(np.hypot(seen[..., 0], seen[..., 1]))
-
-
-def insertion_depth(x: ArrayLike, pivot: ArrayLike, tip_depth: float) -> Array:
-    """How far (...) the tip is beyond the pivot, along the shaft [m], for effectors x (..., 8)."""
-    r_conj = dq.quaternion_conj(dq.P(x))
-    seen = dq.rotate(r_conj, np.asarray(pivot) - dq.translation(x))
-    return np.asarray(tip_depth - seen[..., 2])
 
 
 def tilt(x: ArrayLike, axis: ArrayLike) -> Array:
@@ -226,7 +224,6 @@ def filled_in(
         "arm": insertion.arm,
         "instrument": insertion.instrument,
         "trocar": insertion.trocar,
-        "tip_depth": insertion.tip_depth,
         "wrist": insertion.arm.wrist,
     }
     fields = [item for item in dataclasses.fields(cls) if item.init]

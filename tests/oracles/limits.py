@@ -71,7 +71,7 @@ def trocar_depth(limit: TrocarDepth, state: ArmState, reference: Reference) -> C
     r = state.oMe.actInv(reference.pivot)
     row = state.J_local[2] - (pin.skew(r) @ state.J_local[3:])[2]
     drift = -(state.oMe.rotation.T @ reference.pivot_dot)[2]
-    depth = limit.tip_depth - r[2]
+    depth = state.shaft.tip - r[2]
     shallowest, deepest = limit.trocar.depth_range
     return Constraint.rows(
         np.array([row, -row]),
@@ -84,7 +84,7 @@ def trocar_depth(limit: TrocarDepth, state: ArmState, reference: Reference) -> C
 def keep_out(limit: KeepOut, state: ArmState, reference: Reference) -> Constraint:
     """See KeepOut."""
     b, jacobian, drift = seen(limit, state, reference)
-    delta, u = direction(b, limit.tip_depth if limit.part == "tip" else nearest(limit, b))
+    delta, u = direction(b, state.shaft.tip if limit.part == "tip" else nearest(limit, state, b))
     if delta <= CENTRE:
         u = np.array([1.0, 0.0, 0.0])
     room = delta - limit.radius - limit.instrument.radius
@@ -95,7 +95,7 @@ def keep_out(limit: KeepOut, state: ArmState, reference: Reference) -> Constrain
 def keep_in(limit: KeepIn, state: ArmState, reference: Reference) -> Constraint:
     """See KeepIn."""
     b, jacobian, drift = seen(limit, state, reference)
-    ends = [limit.tip_depth, limit.mount_depth][: 2 if limit.part == "shaft" else 1]
+    ends = [state.shaft.tip, *([mount(limit, state)] if limit.part == "shaft" else [])]
     C, d = [], []
     for s in ends:
         delta, u = direction(b, s)
@@ -108,7 +108,7 @@ def keep_in(limit: KeepIn, state: ArmState, reference: Reference) -> Constraint:
 def entry_sphere(limit: EntrySphere, state: ArmState, reference: Reference) -> Constraint:
     """See EntrySphere."""
     b, jacobian, drift = seen(limit, state, reference)
-    delta, u = direction(b, nearest(limit, b))
+    delta, u = direction(b, nearest(limit, state, b))
     d = pace(limit, limit.room - delta) - u @ drift
     return Constraint.rows([u @ jacobian], [d], limit.row_names)
 
@@ -123,9 +123,14 @@ def seen(limit: SphereLimit, state: ArmState, reference: Reference) -> tuple[Arr
     return b, jacobian, state.oMe.rotation.T @ velocity
 
 
-def nearest(limit: SphereLimit, b: Array) -> float:
+def mount(limit: SphereLimit, state: ArmState) -> float:
+    """Where the shaft begins, from the effector [m]."""
+    return state.shaft.tip - limit.instrument.length
+
+
+def nearest(limit: SphereLimit, state: ArmState, b: Array) -> float:
     """The point s of the shaft, from mount to tip, that is nearest to b (3,) [m]."""
-    return min(max(float(b[2]), limit.mount_depth), limit.tip_depth)
+    return min(max(float(b[2]), mount(limit, state)), state.shaft.tip)
 
 
 def direction(b: Array, s: float) -> tuple[float, Array]:

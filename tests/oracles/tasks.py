@@ -64,10 +64,10 @@ def tip(task: TipTask, state: ArmState, reference: Reference) -> Residual:
     """See TipTask."""
     d, R = desired(reference), state.oMe.rotation
     nu, omega = state.J_local[:3], state.J_local[3:]
-    a = np.array([0.0, 0.0, task.tip_depth])
+    a = np.array([0.0, 0.0, state.shaft.tip])
     jacobian = R @ (nu - pin.skew(a) @ omega)
     error = state.oMe.translation - d.p + (R - d.R) @ a
-    if isinstance(state.tool_at, tuple):
+    if len(state.tool_at) == 3:
         tool = state.tool
         jacobian = tool.oMt.rotation @ tool.J_local[:3]
         error = tool.oMt.translation - d.p - d.R @ a

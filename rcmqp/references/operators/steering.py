@@ -156,8 +156,8 @@ class Steering:
         _, tremor, perception, movement = _streams(seed)
         self._hand = Hand(operator, device, period, np.random.default_rng(tremor))
         self._encoder = Encoder(device, period)
-        camera = insertion.instrument.camera
-        self._view, self._turned = HandView(mapping, insertion.tip_depth, camera), camera.rotation
+        self._view = HandView(mapping, insertion)
+        self._turned = insertion.instrument.camera.rotation
         self._eyes = Eyes(operator, task, insertion, np.random.default_rng(perception))
         self._rng = np.random.default_rng(movement)
         self._touching = task.obstacle_radius + insertion.instrument.radius

@@ -85,7 +85,8 @@ def browser() -> Iterator[Browser]:
     executable = chromium_path()
     from playwright.sync_api import Error, sync_playwright
 
-    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else list(FLAGS)
+    root = hasattr(os, "geteuid") and os.geteuid() == 0  # Windows has no root
+    flags = [*FLAGS, "--no-sandbox"] if root else list(FLAGS)
     with _interruptible(), sync_playwright() as playwright:
         try:
             chromium = playwright.chromium.launch(
