@@ -48,9 +48,10 @@ def metrics_of(file: Path) -> dict[str, float]:
     with h5py.File(file) as data:
         run = {name: np.array(data[name]) for name in data if isinstance(data[name], h5py.Dataset)}
         scenario = json.loads(data.attrs["scenario"])
-        clocked = "sent_after" in data["diagnostics"]
+        began = data["diagnostics"].get("began_late")
+        waited = None if began is None else np.array(began)
     return {
-        **lateness(run["time"], scenario["period"] if clocked else math.nan),
+        **lateness(run["time"], waited, scenario["period"]),
         **errors(run, scenario),
         **contour(run, scenario),
         **limits(run, scenario),
@@ -62,14 +63,13 @@ def metrics_of(file: Path) -> dict[str, float]:
     }
 
 
-def lateness(time: Any, period: float) -> dict[str, float]:
-    """How late a real-time loop was; NaN of a run that no clock drove, whose period is NaN."""
+def lateness(time: Any, waited: Any, period: float) -> dict[str, float]:
+    """How late a real-time loop was; NaN for a run that no clock drove, where nothing waited."""
+    if waited is None:
+        return {"late_share": math.nan, "behind_s": math.nan}
+    late = [float(each) / period >= 0.5 for each in waited]
     lost = [b - a - period for a, b in itertools.pairwise(time)]
-    late = sum(each >= 0.5 * period for each in lost) / len(lost)
-    return {
-        "late_share": math.nan if math.isnan(period) else late,
-        "behind_s": math.nan if math.isnan(period) else max(0.0, sum(lost)),
-    }
+    return {"late_share": sum(late) / len(late), "behind_s": max(0.0, sum(lost))}
 
 
 def percentile(values: Any, share: float) -> float:

@@ -195,13 +195,37 @@ def test_a_loop_that_a_busy_machine_steps_late_says_how_late_and_how_far_behind(
     clock = found.time[-1] - found.time[0]
     assert metrics.behind_s == pytest.approx(clock - (rows - 1) * T, abs=1e-9)
     assert metrics.behind_s == pytest.approx(40 * T, abs=2e-3)
-    assert metrics.late_share == pytest.approx(10 / (rows - 1), abs=1e-9)
+    assert metrics.late_share == pytest.approx(10 / rows, abs=1e-9)
     assert metrics.behind_share == pytest.approx(metrics.behind_s / clock, rel=1e-6)
     with pytest.raises(SystemExit, match="0"):
         main(["show", str(file)])
     said = capsys.readouterr()
     assert "cycles late" in said.out
     assert "behind the clock" in " ".join(said.err.split())
+
+
+def test_cycles_that_a_loop_of_its_own_begins_late_are_counted_though_none_is_skipped(
+    insertion: rcmqp.Insertion, controller: Controller, tmp_path: Path
+) -> None:
+    robot, record = Joints(insertion), LoopRecorder(tmp_path / "run.h5", controller)
+
+    def oversleep(seconds: float) -> None:
+        robot.sleep(seconds)
+        robot.now += 0.8 * T
+
+    run_realtime(
+        robot,
+        controller,
+        circles(robot),
+        300 * T,
+        lateness=1.0,
+        record=record,
+        clock=robot.clock,
+        sleep=oversleep,
+    )
+    metrics = compute_metrics(Run.load(tmp_path / "run.h5"))
+    assert metrics.late_share > 0.5
+    assert metrics.behind_s == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_loop_in_time_is_not_behind_the_clock(

@@ -73,7 +73,7 @@ def test_there_is_no_p_value_anywhere(tmp_path: Path) -> None:
     both = [*outcomes("a", 0.0), *outcomes("b", 0.2)]
     text = table(Performed(Study(), tmp_path, both))
     readme = (Path(__file__).parents[1] / "docs" / "handbook.md").read_text(encoding="utf-8")
-    of_b = readme[readme.index("## Experiment B") : readme.index("## Conventions")]
+    of_b = readme[readme.index("## Experiment B") : readme.index("## Limits")]
     for written in (text, of_b):
         assert not re.search(r"Holm|signed-rank|p, rank|\bp [<=]|significan", written)
     assert "effect size" in text

@@ -208,8 +208,10 @@ def compute_metrics(run: Recording) -> Metrics:
     left = count = _rows_asked(scenario, stop)
     behaviour = Behaviour(stop, scenario.period)
     before: Run | None = None
-    jerk = JerkRatio()
+    jerk, began_late = JerkRatio(), 0
     for part in run.parts():
+        waited = part.diagnostics.get("began_late", np.zeros(0))
+        began_late += int(np.sum(waited >= LATE * scenario.period))
         found["jerk_ratio"].add(jerk.of(part))
         late = max(0, len(part.time) - max(0, left))
         left -= len(part.time)
@@ -228,7 +230,7 @@ def compute_metrics(run: Recording) -> Metrics:
         "contour_rms_mm": 1e3 * asked["contour"].rms,
         "contour_max_mm": 1e3 * found["contour"].high,
         "lag_max_s": found["lag"].high,
-        **(_lateness(run) if "sent_after" in part.diagnostics else NOT_TIMED),
+        **(_lateness(run, began_late) if "sent_after" in part.diagnostics else NOT_TIMED),
         **behaviour.summary(),
         "depth_min_mm": 1e3 * found["depth"].low,
         "depth_max_mm": 1e3 * found["depth"].high,
@@ -247,11 +249,11 @@ def compute_metrics(run: Recording) -> Metrics:
     return Metrics(**{name: float(value) for name, value in values.items()})
 
 
-def _lateness(run: Recording) -> dict[str, float]:
+def _lateness(run: Recording, began_late: int) -> dict[str, float]:
     """How late the cycles of a real-time loop were, see LATE, and how far it fell behind."""
     steps, period = np.diff(run.column("time")[:]), run.head.scenario.period
-    late = float(np.mean(steps >= (1.0 + LATE) * period)) if len(steps) else 0.0
-    return {"late_share": late, "behind_s": max(0.0, float((steps - period).sum()))}
+    share, behind = began_late / (len(steps) + 1), max(0.0, float((steps - period).sum()))
+    return {"late_share": share, "behind_s": behind}
 
 
 def _measures(part: Run, before: Run | None) -> dict[str, Array]:

@@ -148,20 +148,19 @@ _METRICS = (
     Measure(
         "late_share",
         "late",
-        "share of cycles late",
-        "",
-        "Share of the cycles of a real-time loop that began half a period late or more; missing "
-        "of a run that no clock drove.",
+        "Share of the cycles of a real-time loop that began half a period late or more. It is "
+        "missing for a run that no clock drove.",
+        long="share of cycles late",
         fixed=".3f",
     ),
     Measure(
         "behind_s",
         "behind",
-        "loop behind the clock",
-        "s",
         "Time by the clock less the periods of the cycles that were run. A simulated arm stands "
-        "still for as long, and on a real arm as many cycles are missing; missing of a run that "
-        "no clock drove.",
+        "still for as long, and on a real arm as many cycles are missing. It is missing for a run "
+        "that no clock drove.",
+        long="loop behind the clock",
+        unit="s",
         fixed=".2f",
     ),
     *(

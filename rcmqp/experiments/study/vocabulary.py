@@ -64,9 +64,8 @@ _TRIALS = (
     Measure(
         "behind_share",
         "behind",
-        "share of time that the loop fell behind the clock",
-        "",
         "Share of the time in which a simulated arm stood still because its machine was busy.",
+        long="share of time that the loop fell behind the clock",
         fixed=".3f",
     ),
 )
