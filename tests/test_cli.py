@@ -276,6 +276,11 @@ def test_help_teaches_with_an_example_and_says_the_exit_codes(call: Call) -> Non
     assert "rcmqp run conical_helix --arm meka_a2" in call("run", "--help")[1]
 
 
+@pytest.mark.parametrize("command", ["run", "study"])
+def test_help_keeps_the_units_in_brackets(call: Call, command: str) -> None:
+    assert "x [mm]" in call(command, "--help")[1]
+
+
 def test_overshoot_is_said(call: Call) -> None:
     assert "above 1 the law overshoots" in call(*SHORT, "--gain", "130")[2]
 

@@ -55,7 +55,7 @@ def calibrate(
     For the trocar, move the instrument in it: tilt it about two axes, to any depth. The shaft is
     the flange's z axis. For the tool, hold its tip on one point and tilt the arm about it.
 
-    The columns are x, y, z [m] and qw, qx, qy, qz of the flange in the world; or, with --arm, the
+    The columns are x, y, z in m and qw, qx, qy, qz of the flange in the world; or, with --arm, the
     joints' names, in rad and m, in any order. Other columns are passed over.
     """
     if what not in KINDS:

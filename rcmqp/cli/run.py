@@ -58,12 +58,13 @@ def run(
     path: Annotated[
         Path | None,
         typer.Option(
-            "--path", help="CSV of the tip's way: t [s], x [mm], y [mm], z [mm], from the start."
+            "--path",
+            help="CSV of the tip's way: t \\[s], x \\[mm], y \\[mm], z \\[mm], from the start.",
         ),
     ] = None,
     motion: Annotated[
         Path | None,
-        typer.Option("--motion", help="CSV of the trocar's: t [s], world x [mm], and so on."),
+        typer.Option("--motion", help="CSV of the trocar's: t \\[s], world x \\[mm], and so on."),
     ] = None,
     instrument: ask.InstrumentOption = None,
     trocar: ask.Trocar = None,

@@ -84,7 +84,7 @@ def study(
         list[Path] | None,
         typer.Option(
             help="CSV file of a recorded hand, columns t, x, y, z, units in the head such as "
-            "x [mm]; may be repeated. Each is replayed with every controller."
+            "x \\[mm]; may be repeated. Each is replayed with every controller."
         ),
     ] = None,
     jobs: ask.Jobs = 1,

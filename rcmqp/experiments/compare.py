@@ -207,7 +207,7 @@ def run_case(case: Case, file: Path, kind: type[Controller] | None = None) -> tu
         return row, kept is not None
     except Exception as error:  # noqa: BLE001  (the other cases go on, and the row has it)
         failure = f"{type(error).__name__}: {error}"
-        row = Row(case.name, case.arm or "", case.law, case.controller, failure=failure)
+        row = Row(case.name, _arm(case), case.law, case.controller, failure=failure)
         return row, False
 
 
@@ -271,12 +271,18 @@ def _names(todo: Iterable[Case]) -> tuple[list[str], list[str]]:
 
 def _stem(case: Case) -> str:
     """Scenario and arm of a case."""
+    return f"{Path(case.name).stem.replace('-', '_')}_{Path(_arm(case) or 'none').stem}"
+
+
+def _arm(case: Case) -> str:
+    """Arm of a case; empty if its scenario cannot be loaded, which run_case() says then."""
+    if case.arm is not None:
+        return case.arm
     try:
         own = case.scenario
-        arm = case.arm or (own_arm(own) if isinstance(own, str) else own.arm)
-    except Exception:  # noqa: BLE001  (nor can it be run, which is said then)
-        arm = "none"
-    return f"{Path(case.name).stem.replace('-', '_')}_{Path(arm).stem}"
+        return own_arm(own) if isinstance(own, str) else own.arm
+    except Exception:  # noqa: BLE001
+        return ""
 
 
 def _draw(folder: Path, stem: str, files: Sequence[str]) -> tuple[str, str] | None:

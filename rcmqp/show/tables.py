@@ -246,7 +246,7 @@ def _tables(rows: Sequence[Row], several: bool) -> list[Table]:
     lead = [name for name in _LEAD if name in apart or len({_lead(r, name) for r in done}) != 1]
     lead = lead or ["controller"]
     title = f": {_words(done[0], [name for name in _LEAD if name not in lead])}" if done else ""
-    errors = _table(f"Errors and limits{title}", rows, lead, _ERRORS)
+    errors = _table(f"Errors and limits{title}", rows, lead, _ERRORS if done else ())
     failures = [
         " ".join([row.scenario, *(["on", row.arm] if row.arm else [])])
         + f" with {_lead(row, 'controller')} could not be run: {row.failure}"
