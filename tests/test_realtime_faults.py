@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_robot import HELD, Arm, Clock, Spoilt, T, assert_stopped, nan_at, run, view
+from fake_robot import HELD, Arm, Clock, Spoilt, T, assert_stopped, careful, nan_at, run, view
 
 import rcmqp
 from rcmqp.controllers.braking import Brake
@@ -47,6 +47,14 @@ FAULTS: dict[str, tuple[str, Callable[[rcmqp.Insertion, Clock], dict[str, Any]]]
     "short reading": (
         r"shape (6,), it must be (7,)",
         lambda i, c: {"spoil": lambda k, q: q[:6] if k == 10 else q},
+    ),
+    "degrees": (
+        "rad, its limits are",
+        lambda i, c: {"spoil": lambda k, q: np.degrees(q) if k >= 10 else q},
+    ),
+    "a jump": (
+        "check that every reading is of this arm, and new",
+        lambda i, c: {"spoil": lambda k, q: q + 0.1 * (np.arange(7) == 2) if k >= 10 else q},
     ),
     "no more readings": ("OSError: gone for good", lambda i, c: {"on_read": is_gone}),
     "failed sending": ("OSError: full", lambda i, c: {"on_send": fails_at(OSError("full"))}),
@@ -297,6 +305,31 @@ def test_a_fault_before_the_loop_is_raised_and_nothing_is_sent(
     with pytest.raises(RcmqpError, match=fault):
         run(robot)
     assert robot.sent == []
+
+
+@pytest.mark.parametrize("off", [0.01, -0.3])
+def test_an_arm_that_stands_off_the_trocar_is_not_driven(
+    insertion: rcmqp.Insertion, off: float
+) -> None:
+    robot = Arm(insertion, Clock())
+    robot.spoil = lambda k, q: q + off * (np.arange(7) == 1)
+    with pytest.raises(
+        LoopFault, match=r"the shaft is .* mm off the trocar where the robot stands"
+    ):
+        run(robot, 1.0)
+    assert not robot.sent
+
+
+def test_an_arm_may_stand_off_the_trocar_by_the_tolerance_of_its_insertion(
+    insertion: rcmqp.Insertion,
+) -> None:
+    q = insertion.q_start + 0.01 * (np.arange(7) == 1)
+    measured = rcmqp.Insertion(
+        insertion.arm, insertion.instrument, insertion.trocar, q, tolerance=0.02
+    )
+    report = run(Arm(measured, Clock()), 0.2, controller=careful(measured))
+    assert 1e-3 < report.off_trocar < 0.02
+    assert report.stop.fault == ""
 
 
 @pytest.mark.parametrize("answer", [None, 7.0, (np.zeros(7),), (np.zeros(7), "slow")], ids=str)

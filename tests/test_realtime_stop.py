@@ -214,7 +214,7 @@ def test_an_arm_whose_limits_are_not_known_is_not_driven(
 ) -> None:
     unknown = rcmqp.load_arm("ur5", **limits)
     robot = Arm(rcmqp.Insertion.on_shaft(unknown, rcmqp.Instrument()), Clock())
-    remedy = r".* give those of the arm with load_arm\(\.\.\., acceleration=\.\.\., jerk=\.\.\.\)"
+    remedy = r".* a real arm needs a limit, load_arm\(\.\.\., acceleration=\.\.\., jerk=\.\.\.\)"
     with pytest.raises(OptionError, match=message + remedy):
         run(robot)
     assert robot.read_at == robot.sent == []

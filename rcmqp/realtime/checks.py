@@ -14,9 +14,19 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.smooth import braking_speed
 from rcmqp.references.view import Stamped
 from rcmqp.world.arm import Arm, ArmState
+from rcmqp.world.insertion import Insertion, rcm_error
 
 SLACK = 1e-3
 """Share of a limit that a command may be above it: a solver's tolerance, and cut off."""
+
+ON_TROCAR = 1e-3
+"""How far the shaft may be off the trocar when a loop starts [m]; or the insertion's tolerance."""
+
+OUTSIDE = 0.05, 0.005
+"""How far a reading may be outside its joint's position limits, revolute [rad], prismatic [m]."""
+
+JUMP = 2.0
+"""How many times faster than its limit a joint may seem to move between two readings."""
 
 FAST = "take hierarchical_qp, or velocity_limit=scale where the controller has that option"
 """What to do about a command that is too fast."""
@@ -125,6 +135,69 @@ def check_stamp(newest: object, now: float, oldest: float, ahead: float) -> Stam
             "references with the time that the loop asks with, counted from its start"
         )
     return newest
+
+
+class ReadingCheck:
+    """Checks that a reading can be that of the arm which the insertion describes.
+
+    They find readings in degrees, in another order of the joints, or of an arm that stands
+    elsewhere: a controller would draw the shaft to the trocar at full speed.
+
+    Attributes:
+        off_trocar: distance of the shaft from the trocar at the first reading [m].
+    """
+
+    def __init__(self, insertion: Insertion, period: float) -> None:
+        self.off_trocar = np.nan
+        arm = insertion.arm
+        self._insertion, self._most = insertion, max(ON_TROCAR, insertion.tolerance)
+        self._outside = np.where(arm.turns, *OUTSIDE)
+        self._endless = arm.turns & np.isinf(arm.upper) & np.isinf(arm.lower)
+        self._period, self._last = period, (np.nan * arm.lower, 0.0)
+
+    def start(self, state: ArmState, pivot: Array) -> None:
+        """Check that the shaft is on the trocar.
+
+        Raises:
+            LoopFault: it is not.
+        """
+        self.off_trocar = float(rcm_error(state.x, pivot))
+        if self.off_trocar > self._most:
+            raise LoopFault(
+                f"the shaft is {1e3 * self.off_trocar:.3g} mm off the trocar where the robot "
+                f"stands, allowed {1e3 * self._most:.3g} mm; make the insertion from a reading, "
+                "Insertion.on_shaft(arm, instrument, q, depth=...), or give the trocar that was "
+                "measured and a tolerance, Insertion(arm, instrument, trocar, q, tolerance=...)"
+            )
+
+    def passed(self, angles: Array, at: float) -> None:
+        """Check the angles (nv,) that were read at a time [s].
+
+        Raises:
+            LoopFault: one is outside its position limits, or farther from the last reading than
+                the joint can have moved.
+        """
+        arm, (last, before) = self._insertion.arm, self._last
+        over = np.maximum(angles - arm.upper, arm.lower - angles) - self._outside
+        if over.max() > 0.0:
+            k = int(np.argmax(over))
+            raise LoopFault(
+                f"{arm.joints[k]} was read at {angles[k]:.4g} {arm.joint_units[k]}, its limits "
+                f"are {arm.lower[k]:.4g} and {arm.upper[k]:.4g}; check the order of the joints, "
+                "and that read() gives rad and m"
+            )
+        way = np.abs(angles - last)
+        if self._endless.any():
+            way = np.where(self._endless, np.minimum(way, np.abs(2.0 * np.pi - way)), way)
+        can = JUMP * arm.velocity * max(self._period, at - before) + self._outside
+        if (way > can).any():
+            k = int(np.argmax(way / can))
+            raise LoopFault(
+                f"{arm.joints[k]} was read {way[k]:.4g} {arm.joint_units[k]} from the reading "
+                f"{at - before:.4g} s before, and can move {arm.velocity[k]:.4g} "
+                f"{arm.joint_units[k]}/s; check that every reading is of this arm, and new"
+            )
+        self._last = angles, at
 
 
 class CommandCheck:

@@ -23,6 +23,7 @@ from rcmqp.realtime.checks import (
     CommandCheck,
     Halting,
     LoopFault,
+    ReadingCheck,
     Robot,
     Watching,
     as_reading,
@@ -110,6 +111,7 @@ class RealtimeLoop:
         self.a = np.zeros(self.arm.nv)
         self.pivot = np.array(controller.insertion.trocar.pivot)
         self.check = CommandCheck(Brake(controller.insertion, period), controller.name)
+        self.reading = ReadingCheck(controller.insertion, period)
         self.controller_stops = self.unsent = self._before_stop = 0
         self._stop: Stop | None = None
         self._rest: Iterator[Array] = iter(())
@@ -213,6 +215,7 @@ class RealtimeLoop:
             halted=watchdog is not None and watchdog.halted,
             waited=self._waited,
             recorded=self._recorded,
+            off_trocar=self.reading.off_trocar,
         )
 
     def _advance(self) -> bool:
@@ -325,6 +328,9 @@ class RealtimeLoop:
         period = self.timing.period
         newest = check_stamp(self.references(now), now, self.reference_age, ahead=period)
         state = self.controller.insertion.state(q, self.v, self.a)
+        self.reading.passed(state.angles, now)
+        if math.isnan(self.reading.off_trocar):
+            self.reading.start(state, newest.reference.pivot)
         start = time.perf_counter()
         answer = self.controller.step(state, newest.reference)
         solve_time = time.perf_counter() - start

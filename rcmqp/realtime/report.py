@@ -174,6 +174,7 @@ class LoopReport:
         recorded: what was kept of the run; empty where nothing was to be.
         waited: how long the loop's thread could have run and waited for a processor [s]; NaN
             where the system does not count it.
+        off_trocar: how far the shaft was off the trocar when the loop started [m].
     """
 
     controller: str
@@ -190,6 +191,7 @@ class LoopReport:
     halted: bool = False
     waited: float = math.nan
     recorded: str = ""
+    off_trocar: float = math.nan
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and counts, one row each."""
@@ -204,6 +206,7 @@ class LoopReport:
             *_latency("began late by", self.wake),
             *_latency("answered after", self.answer),
             ("waited for a processor", _waited(self.waited)),
+            ("shaft off the trocar at the start", f"{1e3 * self.off_trocar:.3g} mm"),
             ("controller's own stops", f"{self.controller_stops}"),
             ("commands not taken", f"{self.unsent}"),
             ("ended", f"at {self.stop.at:.3f} s, {self.stop.fault or 'as asked'}"),

@@ -58,8 +58,12 @@ def run_realtime(
     ``lateness``, or anything raises an exception. From the last velocity sent the joints slow
     down as fast as their limits of acceleration and jerk allow, the shaft staying on the trocar,
     see braking(); a joint that comes near its position limit stops by itself as fast as it may.
-    Zero is then held for 0.2 s. No command is sent twice. That a reading is old the
-    loop cannot tell: read() has to raise where its newest one is.
+    Zero is then held for 0.2 s. No command is sent twice.
+
+    The loop does not start where the shaft is farther off the trocar than 1 mm, or than the
+    insertion's tolerance; and it ends where a reading is outside the position limits or farther
+    from the last one than the joints can have moved: readings in degrees, or in another order.
+    It cannot tell that a reading is old: read() has to raise then.
 
     In the main thread a signal is noted, and the loop looks for it once a cycle; during the stop
     it changes nothing. Where read(), send(), the reference or the controller hangs for longer

@@ -145,10 +145,12 @@ class Limited:
             state = "only assumed" if name in self.assumed else "infinite"
             numbers = ", ".join(f"{x:.4g}" for x in values)
             give = "velocity=..." if name == "velocity" else "acceleration=..., jerk=..."
+            remedy = ": choose one that it can do"
+            if state == "only assumed":
+                remedy = ", or, if you have checked these, use load_arm(...).confirmed()"
             raise OptionError(
-                f"the {name} limits of {self.name} are {state}: {numbers} {UNITS[name]}; give "
-                f"those of the arm with load_arm(..., {give}), or, having "
-                "checked that assumed ones are right, use load_arm(...).confirmed()"
+                f"the {name} limits of {self.name} are {state}: {numbers} {UNITS[name]}; a real "
+                f"arm needs a limit, load_arm(..., {give}){remedy}"
             )
 
     def limit_margin(self, angles: ArrayLike) -> Array:
