@@ -181,7 +181,9 @@ def test_a_limit_for_a_wrist_is_refused_on_an_arm_without_one(name: str) -> None
     alone = Insertion.on_shaft(load_arm("panda"), Instrument())
     with pytest.raises(ValueError, match="the block is for a wrist, the arm has none"):
         limit.evaluate(alone.state(alone.q_start), reference(np.array(alone.trocar.pivot)))
-    with pytest.raises(OptionError, match=r"wrist has 3 joints, here it is one without a wrist; make"):
+    with pytest.raises(
+        OptionError, match=r"wrist has 3 joints, here it is one without a wrist; make"
+    ):
         make_controller("hierarchical_qp", alone, T, limits=[limit])
 
 

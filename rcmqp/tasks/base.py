@@ -43,7 +43,11 @@ class Residual:
 
     def __new__(cls, error: ArrayLike, jacobian: ArrayLike, drift: ArrayLike) -> Self:
         """Copy, protect and check the shapes."""
-        e, J, d = _kernel.frozen(error, -1), _kernel.frozen(jacobian, -1, -1), _kernel.frozen(drift, -1)
+        e, J, d = (
+            _kernel.frozen(error, -1),
+            _kernel.frozen(jacobian, -1, -1),
+            _kernel.frozen(drift, -1),
+        )
         if e is None or J is None or d is None or not e.size == len(J) == d.size:
             raise InvalidProblem(
                 f"error {np.shape(error)}, jacobian {np.shape(jacobian)} and drift "
