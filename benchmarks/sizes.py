@@ -7,8 +7,8 @@ RCM > tip, then roll, direction and depth as far as they are wanted, and posture
 are spheres that the shaft is to keep out of, beside and beyond the tip, whose way leads along a
 conical helix into some of them. Position, speed, acceleration and jerk are limited. The cases of
 an arm take their steps in turns, timed in the processor's time of the thread: the median [us], and
-in brackets the 99th percentile and the share of the steps in which a hard row is at its bound. The first steps
-are not counted.
+in brackets the 99th percentile and the share of the steps in which a hard row is at its bound. The
+first steps are not counted.
 """
 
 from __future__ import annotations
