@@ -102,7 +102,7 @@ def _home(arm: Arm) -> list[str]:
 
 
 def _degrees(arm: Arm, position: Array, velocity: Array) -> list[str]:
-    """Whether a joint's limits look like degrees; of each kind only where the mask (nv,) is true."""
+    """Whether a joint's limits look like degrees, of each kind where the mask (nv,) is true."""
     found = []
     for i, joint in enumerate(arm.joints):
         if not arm.turns[i]:
