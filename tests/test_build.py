@@ -17,7 +17,7 @@ from setuptools.errors import CompileError, PlatformError
 SETUP = Path(__file__).parents[1] / "setup.py"
 
 
-def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, **compiler: Any) -> Exception:
+def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, **compiler: Any) -> object:
     """What a build raises whose compiler raises an error."""
     said: dict[str, Any] = {}
     monkeypatch.setattr(setuptools, "setup", said.update)

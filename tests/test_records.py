@@ -55,14 +55,15 @@ def test_a_record_is_of_a_dataclass_with_slots() -> None:
         record(Loose, "a")
 
 
-def test_a_record_has_no_places_of_another_class_and_none_that_cannot_be_written() -> None:
+def test_a_record_has_no_places_of_another_class_and_is_made_of_nothing_else() -> None:
     big: Any = type("Big", (), {"__slots__": tuple(f"s{i}" for i in range(40))})
-    for place in (big.s39, type(record).__module__, type(lambda: 0).__closure__):  # type: ignore[attr-defined]
+    for place in (big.s39, type(lambda: 0).__closure__):  # type: ignore[attr-defined]
         fields = {"__slots__": ("x",), "__match_args__": ("a",), "a": place}
         with pytest.raises(TypeError, match="Stolen is no dataclass with slots"):
             record(type("Stolen", (), fields), 1)
-    with pytest.raises(TypeError, match="is no dataclass with slots"):
-        record(type("Sub", (Exception,), {"__match_args__": ("args",)}), 1)
+    for base in (np.ndarray, Exception, tuple):  # zeros are none of these
+        with pytest.raises(TypeError, match="Sub is no dataclass with slots"):
+            record(type("Sub", (base,), {"__match_args__": ()}))
 
 
 MANY_CLASSES = """

@@ -68,13 +68,22 @@ typedef struct {
     Py_ssize_t count, places[MOST_FIELDS];
 } Layout;
 
+/* Whether it and all that it derives from are made in Python: zeros are no ndarray, for example. */
+static int made_in_python(const PyTypeObject *type)
+{
+    const destructor own = type->tp_dealloc;
+    for (; type != NULL && type != &PyBaseObject_Type; type = type->tp_base)
+        if (type->tp_dealloc != own || !(type->tp_flags & Py_TPFLAGS_HEAPTYPE)) return 0;
+    return 1;
+}
+
 /* The layout of a dataclass with slots; 0 with a Python error. */
 static int read_layout(PyTypeObject *type, Layout *layout)
 {
     PyObject *names = PyObject_GetAttrString((PyObject *)type, "__match_args__");
     if (names == NULL) return 0;
     *layout = (Layout){type, PyTuple_Check(names) ? PyTuple_GET_SIZE(names) : -1, {0}};
-    int slots = layout->count >= 0 && layout->count <= MOST_FIELDS;
+    int slots = made_in_python(type) && layout->count >= 0 && layout->count <= MOST_FIELDS;
     for (Py_ssize_t i = 0; slots && i < layout->count; ++i) {
         PyObject *slot = PyObject_GetAttr((PyObject *)type, PyTuple_GET_ITEM(names, i));
         slots = slot != NULL && Py_IS_TYPE(slot, &PyMemberDescr_Type) &&
