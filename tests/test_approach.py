@@ -70,7 +70,8 @@ def test_what_joints_can_do_is_that_of_the_damped_pseudo_inverse(
     )
     parts = ((0, above), (above, above + rows)) if above else ((0, rows),)
     given = [(e[i:j], A[i:j], np.zeros(j - i)) for i, j in parts]
-    state = POSE, np.zeros((6, joints)), *np.zeros((3, joints))
+    zero = np.zeros(joints)
+    state = POSE, np.zeros((6, joints)), zero, zero, zero
     found = stack.problem(*state, POSE, np.zeros(8), POINT, POINT, (0.0,), given)
     assert found is not None
     B = np.vstack([ABOVE * A[:above], A[above:]])

@@ -55,7 +55,7 @@ def test_an_error_of_a_compiler_that_is_there_is_its_own(
 ) -> None:
     (tmp_path / "Python.h").touch()
     monkeypatch.setattr(sysconfig, "get_path", lambda _: str(tmp_path))
-    error = CompileError("law.c: a slip")
+    error: Exception = CompileError("law.c: a slip")
     assert failing(monkeypatch, error, **compiler) is error
     (tmp_path / "Python.h").unlink()
     assert "Python.h is missing" in str(failing(monkeypatch, error, **compiler))
