@@ -69,7 +69,7 @@ def test_what_joints_can_do_is_that_of_the_damped_pseudo_inverse(
         names=tuple("abcdef" if above else "abcde"),
     )
     parts = ((0, above), (above, above + rows)) if above else ((0, rows),)
-    given = [(e[i:j], A[i:j], np.zeros(j - i)) for i, j in parts]
+    given: list[tuple[Array, ...]] = [(e[i:j], A[i:j], np.zeros(j - i)) for i, j in parts]
     zero = np.zeros(joints)
     state = POSE, np.zeros((6, joints)), zero, zero, zero
     found = stack.problem(*state, POSE, np.zeros(8), POINT, POINT, (0.0,), given)
