@@ -28,8 +28,12 @@ class Build(build_ext):
         try:
             super().build_extension(ext)
         except (CompileError, PlatformError) as error:
-            command = getattr(self.compiler, "compiler_so", None)
-            if not command or shutil.which(command[0]) is None:
+            if self.compiler.compiler_type == "msvc":  # raises PlatformError if it is not found
+                missing = isinstance(error, PlatformError)
+            else:
+                command = getattr(self.compiler, "compiler_so", None)
+                missing = not command or shutil.which(command[0]) is None
+            if missing:
                 raise PlatformError(TOOLS.format("a C compiler")) from error
             if not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")):
                 raise PlatformError(TOOLS.format("Python.h")) from error

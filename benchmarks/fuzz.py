@@ -50,7 +50,7 @@ def same(a: Any, b: Any) -> bool:
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, Pair):
         return (a.a, a.b) == (b.a, b.b)
-    return bool(a == b or a != a)
+    return bool(a == b or (a != a and b != b))
 
 
 class Fuzz:
@@ -102,7 +102,8 @@ class Fuzz:
         kind, options = right_block(rng)
         block = _kernel.Block(kind, **options)
         worse = copies(options)
-        for key in [*options][: int(rng.integers(3))]:
+        spoilt = min(len(options), int(rng.integers(3)))
+        for key in rng.choice(sorted(options), spoilt, replace=False) if options else ():
             worse[key] = hostile(rng, worse[key], [*worse.values()])
         if rng.integers(8) == 0:
             worse["gian"] = 1.0
@@ -171,7 +172,10 @@ class Fuzz:
                 functools.partial(type, "Derived", (kind,), {}),
                 kind,
             ]
-        doors.append(functools.partial(_kernel.record, array))
+        other: Any = type("O", (), {"__slots__": tuple(f"s{i}" for i in range(40))})
+        stolen = type("T", (), {"__slots__": ("x",), "__match_args__": ("a",), "a": other.s39})
+        doors += [functools.partial(_kernel.record, array)]
+        doors += [functools.partial(_kernel.record, stolen, 1)]  # would be written outside of it
         for door in doors:
             if (made := self.call("no constructor", door)) is not None:
                 self.wrong.append(f"made without a constructor: {type(made).__name__}, {door}")

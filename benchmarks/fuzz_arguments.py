@@ -82,6 +82,8 @@ def hostile(rng: np.random.Generator, given: Any, others: Arguments) -> Any:
         lambda: Hostile(rng, others),
         lambda: Number(1.0),
         lambda: np.float32(1.0),
+        lambda: np.complex64(1.0),
+        lambda: np.complex128(1.0 + 1.0j),
         lambda: np.int64(rng.integers(-3, 40)),
         lambda: rng.normal(size=size),
         lambda: rng.normal(size=(6, size)),

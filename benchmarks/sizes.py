@@ -7,7 +7,8 @@ RCM > tip, then roll, direction and depth as far as they are wanted, and posture
 are spheres that the shaft is to keep out of, beside and beyond the tip, whose way leads along a
 conical helix into some of them. Position, speed, acceleration and jerk are limited. The cases of
 an arm take their steps in turns, timed in the processor's time of the thread: the median [us], and
-in brackets the 99th percentile and the share of the steps in which a hard row is at its bound.
+in brackets the 99th percentile and the share of the steps in which a hard row is at its bound. The
+first steps are not counted.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ LEVELS = (2, 3, 4, 5, 6)
 HARD_ROWS = (0, 10, 20, 40)
 PERIOD = 5e-3
 COLD = 50
-"""Steps that are not counted."""
+"""Steps that are not counted; there must be more."""
 
 
 def chain(joints: int) -> Arm:
@@ -77,14 +78,14 @@ class Case:
 
     Attributes:
         steps: time of each step [us].
-        met: in how many of them a hard row was at its bound.
+        met: whether a hard row was at its bound, for each step.
     """
 
     def __init__(self, insertion: Insertion, levels: int, rows: int) -> None:
         self._insertion, self._controller = insertion, controller(insertion, levels, rows)
         self._q = insertion.q_start
         self._v = self._a = np.zeros(insertion.arm.nv)
-        self.steps, self.met = list[float](), 0
+        self.steps, self.met = list[float](), list[bool]()
 
     def go_on(self, reference: Reference) -> None:
         """One cycle."""
@@ -93,7 +94,7 @@ class Case:
         command = self._controller.step(state, reference)
         self.steps.append((time.thread_time_ns() - start) / 1e3)
         assert isinstance(command.account, HierarchySolution)
-        self.met += bool(command.account.at_upper[self._v.size :].any())
+        self.met.append(bool(command.account.at_upper[self._v.size :].any()))
         self._a, self._v = (command.v - self._v) / PERIOD, command.v
         self._q = self._insertion.arm.integrate(self._q, command.v, PERIOD)
 
@@ -120,7 +121,7 @@ def main() -> None:
             for count in HARD_ROWS:
                 case = cases[levels, count]
                 median, late = np.percentile(case.steps[COLD:], [50.0, 99.0])
-                met = f", {case.met / asked.cycles:.0%}" if count else ""
+                met = f", {np.mean(case.met[COLD:]):.0%}" if count else ""
                 cells.append(f"{median:.0f} ({late:.0f}{met})")
             rows.append([str(joints), str(levels), *cells])
     heads = ["joints", "levels", *(f"{count} hard rows" for count in HARD_ROWS)]

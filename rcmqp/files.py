@@ -76,6 +76,8 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
+        if not folder.exists():
+            raise RunFileError(folder, "is a link to nothing; remove it") from error
         raise RunFileError(folder, "is a file; give the name of a folder") from error
     except NotADirectoryError as error:
         file = next(each for each in folder.parents if each.exists())
@@ -138,7 +140,7 @@ def absent(path: str | os.PathLike[str]) -> str:
 
 
 def check_readable(path: str | os.PathLike[str], what: str, most: int = 200_000_000) -> None:
-    """Refuse to read what is no regular file, which may never end, or has too many bytes.
+    """Refuse anything but a regular file, and files that are too large.
 
     Args:
         path: the file.

@@ -9,6 +9,9 @@ from rcmqp import _kernel
 from rcmqp.maths.dualquaternion import Array
 
 T, GAIN, DAMPING = 1e-3, 60.0, 0.01
+ABOVE = np.sqrt(1e3)
+"""Weight of the rows above against those of the task."""
+
 POSE, POINT, LEVER = np.eye(8)[0], np.zeros(3), 0.3
 
 
@@ -41,6 +44,45 @@ class Joint:
 def test_without_limits_or_without_a_share_an_error_is_reduced_in_proportion(error: float) -> None:
     assert Joint(np.inf, np.inf).rate(error) == -GAIN * error
     assert Joint(2.0, 40.0, share=0.0).rate(error) == -GAIN * error
+
+
+@pytest.mark.parametrize(
+    ("above", "rows", "joints"), [(0, 2, 5), (2, 3, 7), (0, 3, 3), (0, 5, 3), (2, 3, 4)]
+)
+def test_what_joints_can_do_is_that_of_the_damped_pseudo_inverse(
+    above: int, rows: int, joints: int
+) -> None:
+    """w = [above; A]^+ [0; e / |e|], with fewer rows than joints, as many, and more."""
+    rng = np.random.default_rng(above + 10 * rows + joints)
+    limits, share, damping = rng.uniform(1.0, 3.0, joints), 0.8, 0.05
+    A, e = rng.normal(size=(above + rows, joints)), rng.normal(size=above + rows)
+    level = damping, ((None, GAIN, 1.0),)
+    stack = _kernel.Stack(
+        levels=((0.0, ((None, GAIN, 1.0),)), level) if above else (level,),
+        limits=(),
+        acceleration=limits,
+        jerk=np.full(joints, np.inf),
+        share=share,
+        period=T,
+        guarded=0,
+        max_rounds=1,
+        names=tuple("abcdef" if above else "abcde"),
+    )
+    parts = ((0, above), (above, above + rows)) if above else ((0, rows),)
+    given: list[tuple[Array, ...]] = [(e[i:j], A[i:j], np.zeros(j - i)) for i, j in parts]
+    zero = np.zeros(joints)
+    state = POSE, np.zeros((6, joints)), zero, zero, zero
+    found = stack.problem(*state, POSE, np.zeros(8), POINT, POINT, (0.0,), given)
+    assert found is not None
+    B = np.vstack([ABOVE * A[:above], A[above:]])
+    size = float(np.linalg.norm(e[above:]))
+    wanted = np.concatenate([np.zeros(above), e[above:] / size])
+    damped = np.vstack([B, damping * np.eye(joints)])  # least squares are B^+ with the damping
+    w = np.linalg.lstsq(damped, np.concatenate([wanted, np.zeros(joints)]), rcond=None)[0]
+    speed = np.sqrt(2.0 * size * share * np.min(limits / abs(w)))
+    speed /= 1.0 + 2.0 * T * speed / size
+    assert speed / size < GAIN
+    np.testing.assert_allclose(found[1][above : above + rows], -e[above:] / size * speed, 1e-9)
 
 
 def settled(error: float, acceleration: float, jerk: float, share: float) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from test_arm_file import HOME, arm_file
 from test_urdf import urdf, write
 
 from rcmqp import load_arm
-from rcmqp.errors import ArmError, RcmqpError
+from rcmqp.errors import ArmError, ArmWarning, RcmqpError
 from rcmqp.experiments.compare import arm_and_flange
 from rcmqp.realtime.checks import LoopFault, check_speed
 from rcmqp.world.loading import arm_title
@@ -65,6 +67,27 @@ def test_what_an_arms_file_has_in_another_unit_is_questioned(
     """And refused: what one wrote oneself and cannot mean is mended there."""
     with pytest.raises(ArmError, match=rf"mine.toml: .* are these {said}\? .*: multiply by"):
         load_arm(like(tmp_path, text))
+
+
+def test_limits_of_a_urdf_in_another_unit_are_questioned_where_others_are_given(
+    tmp_path: Path,
+) -> None:
+    """They may be another's; only a number that was given is refused."""
+    text = re.sub(r'(name="j6".*?upper=")[^"]*', r"\g<1>18.85", urdf())
+    far = write(tmp_path, text)
+    given: dict[str, Any]
+    for given in ({}, {"velocity": {"j1": 1.0}}, {"position": {"j1": (-1.0, 1.0)}}):
+        with pytest.warns(ArmWarning, match=r"'j6' turns from .* 18.85 rad .*are these degrees"):
+            arm = load_arm(far, "l7", **given)
+        assert arm.upper[5] == 18.85
+    for limit in ("velocity = { j1 = 1.0 }", "position = { j1 = [-1, 1] }"):
+        file = arm_file(tmp_path, f"home = {list(HOME)}", limit)
+        far.write_text(text)
+        with pytest.warns(ArmWarning, match=r"'j6' turns from .* 18.85 rad"):
+            load_arm(file)
+    for given in ({"velocity": {"j6": 90.0}}, {"position": {"j6": (-18.85, 18.85)}}):
+        with pytest.raises(ArmError, match=r"'j6' turns from .* are these degrees"):
+            load_arm(far, "l7", **given)
 
 
 def test_a_base_that_is_very_far_away_is_refused_by_the_name_of_its_file(tmp_path: Path) -> None:
@@ -137,3 +160,10 @@ def test_a_joint_is_locked_inside_its_limits_only(
     arm = load_arm(like(tmp_path, "[locked]\npanda_joint3 = 0.25"))
     assert arm.source is not None
     assert "locked: panda_joint3 at 0.25" in arm.source.notes
+
+
+def test_a_joint_without_limits_is_locked_up_to_two_turns_away(tmp_path: Path) -> None:
+    endless = load_arm("kinova").joints[0]
+    with pytest.raises(ArmError, match=r"cannot be locked at 20 rad, more than two turns from z"):
+        load_arm(like(tmp_path, f"[locked]\n{endless} = 20", "kinova"))
+    load_arm(like(tmp_path, f"[locked]\n{endless} = 12", "kinova"))

@@ -14,6 +14,7 @@ FUZZ = Path(__file__).parent.parent / "benchmarks" / "fuzz.py"
 EXTENSIONS = Path(__file__).parent.parent / "benchmarks" / "extensions.py"
 SAFE_STOPS = Path(__file__).parent.parent / "benchmarks" / "safe_stops.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
+SIZES = Path(__file__).parent.parent / "benchmarks" / "sizes.py"
 REST = Path(__file__).parent.parent / "benchmarks" / "rest.py"
 CASES = ("dual_quaternion", "RCM > tip > posture", "pose > posture")
 
@@ -125,3 +126,18 @@ def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> Non
     ]
     assert [row[1:3] for row in drawn] == [["meka_a2", "1"]] * 2
     assert len(rows) == 6
+
+
+def test_sizes_has_a_line_for_each_number_of_levels() -> None:
+    done = subprocess.run(
+        [sys.executable, SIZES, "--cycles", "60", "--joints", "7"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
+    assert [row[:2] for row in rows] == [["7", str(levels)] for levels in (2, 3, 4, 5, 6)]
+    for row in rows:
+        assert len(row) == 6
+        assert all(float(cell.split(" (")[0]) > 0.0 for cell in row[2:])
+        assert [cell.endswith("%)") for cell in row[2:]] == [False, True, True, True]

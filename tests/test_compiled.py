@@ -220,6 +220,10 @@ def test_the_first_argument_that_fails_is_the_error_whatever_comes_after_it() ->
         kernel.views(bad, np.ones(4), bad, bad, three, bad)
     with pytest.raises(TypeError, match="Refuses given, it must be a number"):
         kernel.views(0, np.ones(4), bad, bad, three, bad)
+    for number in (np.complex64(60.0), np.complex128(60.0)):  # numpy's warning is Python code
+        with pytest.raises(TypeError, match=r"complex\d+ given, it must be a number"):
+            kernel.paced(number, 0.2, 0.01)
+    assert kernel.paced(np.float32(60.0), 0.2, np.int64(1)) == kernel.paced(60.0, 0.2, 1.0)
     with pytest.raises(ZeroDivisionError):
         kernel.view_pose(x, *[bad] * 8, three)
     with pytest.raises(ZeroDivisionError):

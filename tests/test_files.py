@@ -55,12 +55,14 @@ def test_a_whole_file_takes_its_name_and_keeps_its_ending(tmp_path: Path) -> Non
         ("law.py/a/b", "law.py/a/b: cannot be made: {}/law.py is a file"),
         ("x" * 300, "x: cannot be made: File name too long"),
         ("a\0b", "cannot be made: no name of a folder"),
+        ("link", "link: is a link to nothing; remove it"),
     ],
 )
 def test_a_folder_that_cannot_be_made_is_said_without_an_error_number(
     tmp_path: Path, name: str, said: str
 ) -> None:
     (tmp_path / "law.py").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "gone")
     with pytest.raises(RunFileError) as raised:
         make_folder(tmp_path / name)
     assert said.format(tmp_path) in str(raised.value)

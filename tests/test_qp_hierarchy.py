@@ -334,6 +334,16 @@ def test_what_blocks_a_level_is_named_with_its_multiplier() -> None:
     assert found.active() == {"a": "upper", "b": "upper"}
 
 
+def test_how_many_levels_are_guarded_may_be_any_integer_but_not_all_of_them() -> None:
+    levels = [Level(np.eye(2), np.ones(2), "here")]
+    bounds = Bounds(-np.ones(2), np.ones(2), np.array([[1.0, 0.0]]), np.array([0.5]))
+    solve = Hierarchy("active_set").solve
+    one = solve(levels, bounds, guarded=1)
+    assert np.array_equal(solve(levels, bounds, guarded=np.int64(1)).v, one.v)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="guarded be less than the number of levels"):
+        solve(levels, bounds, guarded=2)  # the rest below them is the last
+
+
 def test_rows_yield_to_a_guarded_level_that_the_box_alone_would_let_be_reached() -> None:
     # v_0 + v_1 = 1 is wanted; the row asks for v_0 + v_1 <= 0, the box allows both
     levels = [Level([[1.0, 1.0]], [1.0], "rcm"), Level([[1.0, -1.0]], [4.0], "tip")]

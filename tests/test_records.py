@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -53,12 +55,32 @@ def test_a_record_is_of_a_dataclass_with_slots() -> None:
         record(Loose, "a")
 
 
+def test_a_record_has_no_places_of_another_class_and_is_made_of_nothing_else() -> None:
+    big: Any = type("Big", (), {"__slots__": tuple(f"s{i}" for i in range(40))})
+    for place in (big.s39, type(lambda: 0).__closure__):  # type: ignore[attr-defined]
+        fields = {"__slots__": ("x",), "__match_args__": ("a",), "a": place}
+        with pytest.raises(TypeError, match="Stolen is no dataclass with slots"):
+            record(type("Stolen", (), fields), 1)
+    for base in (np.ndarray, Exception, tuple):  # zeros are none of these
+        with pytest.raises(TypeError, match="Sub is no dataclass with slots"):
+            record(type("Sub", (base,), {"__match_args__": ()}))
+
+
+MANY_CLASSES = """
+import dataclasses
+from rcmqp._kernel import record
+
+for k in range(40):
+    names = [f"f{(7 * k + i) % 5}" for i in range(k % 4 + 1)]
+    kind = dataclasses.make_dataclass(f"Kind{k}", names, frozen=True, slots=True)
+    made = record(kind, *range(len(names)))
+    assert [getattr(made, name) for name in names] == list(range(len(names)))
+"""
+
+
 def test_more_classes_than_are_remembered_have_their_own_fields() -> None:
-    for k in range(40):
-        names = [f"f{(7 * k + i) % 5}" for i in range(k % 4 + 1)]
-        kind = dataclasses.make_dataclass(f"Kind{k}", names, frozen=True, slots=True)
-        made: object = record(kind, *range(len(names)))
-        assert [getattr(made, name) for name in names] == list(range(len(names)))
+    """In a process of its own: they would fill the places of all other tests."""
+    subprocess.run([sys.executable, "-c", MANY_CLASSES], check=True)
 
 
 def test_frozen_numbers_are_a_copy_that_cannot_be_written() -> None:

@@ -181,5 +181,17 @@ def test_a_limit_for_a_wrist_is_refused_on_an_arm_without_one(name: str) -> None
     alone = Insertion.on_shaft(load_arm("panda"), Instrument())
     with pytest.raises(ValueError, match="the block is for a wrist, the arm has none"):
         limit.evaluate(alone.state(alone.q_start), reference(np.array(alone.trocar.pivot)))
-    with pytest.raises(OptionError, match=r"whose wrist has 3 joints, here the wrist has 0; make"):
+    with pytest.raises(
+        OptionError, match=r"wrist has 3 joints, here it is one without a wrist; make"
+    ):
         make_controller("hierarchical_qp", alone, T, limits=[limit])
+
+
+@pytest.mark.parametrize("name", ["trocar_depth", "keep_out", "keep_in"])
+def test_a_limit_for_a_straight_instrument_is_refused_on_an_arm_with_a_wrist(name: str) -> None:
+    """It would guard a straight tip only."""
+    insertion, centre = inserted("panda"), np.zeros(3)
+    alone = Insertion.on_shaft(load_arm("panda"), Instrument())
+    limit = made(name, "" if name == "trocar_depth" else "shaft", alone, centre)
+    with pytest.raises(OptionError, match=r"one whose wrist has 3 joints; make it for this"):
+        make_controller("hierarchical_qp", insertion, T, limits=[limit])

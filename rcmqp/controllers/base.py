@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rcmqp._kernel import all_finite, record
+from rcmqp import _kernel
 from rcmqp.controllers.braking import Brake
 from rcmqp.controllers.checks import as_numbers, check_gains, fault, is_usable
 from rcmqp.controllers.given import Given
@@ -144,7 +144,7 @@ class Command:
     @classmethod
     def of(cls, v: Array, diagnostics: dict[str, float], account: object | None = None) -> Self:
         """Command(v, diagnostics, account), in a third of the time."""
-        return record(cls, v, diagnostics, account, "", None)
+        return _kernel.record(cls, v, diagnostics, account, "", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +263,7 @@ class Controller(abc.ABC):
             return dataclasses.replace(stop, error=error)
         if not isinstance(getattr(answer, "v", None), np.ndarray):
             raise InvalidCommand(f"{self.name}: {_wrong_kind(answer)}")
-        if not all_finite(answer.v, ABSURD):
+        if not _kernel.all_finite(answer.v, ABSURD):
             return self.safe_stop(state, "the law has no finite velocity here")
         answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmqp import _kernel
-from rcmqp._kernel import Block
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import Given
@@ -41,7 +40,7 @@ class Compiled(NamedTuple):
         velocity_limit: index of the option in VELOCITY_LIMITS.
     """
 
-    objective: Block | None
+    objective: _kernel.Block | None
     numbers: Array
     speeds: Array
     velocity_limit: int

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 from rcmqp import _kernel
-from rcmqp._kernel import record
 from rcmqp.errors import OptionError
-from rcmqp.limits import Constraint, Limit
+from rcmqp.limits import Constraint, Limit, SphereLimit, TrocarDepth
 from rcmqp.limits.base import CompiledLimit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Hierarchy, HierarchySolution, InvalidProblem, Level, WrongShape
@@ -26,6 +25,9 @@ Evaluated: TypeAlias = tuple[list[Residual], list[Constraint], list[tuple[Array,
 """What is written in Python gives in a cycle, and the same as compiled code takes it."""
 
 NOTHING: Evaluated = ([], [], [])
+
+WRIST_LIMITS = TrocarDepth, SphereLimit
+"""Limits that count each joint of a wrist, so that they are for one instrument only."""
 
 MOST_ROWS = 4000
 """Rows of tasks, and of limits, that are written in Python; compiled ones have their own room."""
@@ -84,11 +86,11 @@ class Stack:
                     f"{arm.nv}; make it for this arm"
                 )
             has = len(arm.wrist.joints) if arm.wrist else 0
-            if block and block.bends not in (0, has):
+            if block and isinstance(item, WRIST_LIMITS) and block.bends != has:
                 raise OptionError(
-                    f"{type(item).__name__} is for an instrument whose wrist has "
-                    f"{block.bends:.0f} joints, here the wrist has {has}; make it for this "
-                    "insertion: made_for(insertion, period)"
+                    f"{type(item).__name__} is for an instrument {_wrist(int(block.bends))}, here "
+                    f"it is one {_wrist(has)}; make it for this insertion: made_for(insertion, "
+                    "period)"
                 )
         self._hierarchy = hierarchy = Hierarchy(backend)
         self._has_backend = hierarchy.asks is not None
@@ -151,9 +153,9 @@ class Stack:
             raise self._refusal(residuals, constraints)
         v, numbers, summary, ends, m = found
         names = self._all_names(constraints) if constraints else self._names
-        answer = record(Answer, numbers, ends, self._nv, m)
+        answer = _kernel.record(Answer, numbers, ends, self._nv, m)
         asked = NO_VERDICTS if hierarchy is None else hierarchy.verdicts()
-        solution = record(HierarchySolution, v, names, answer, self._level_names, asked)
+        solution = _kernel.record(HierarchySolution, v, names, answer, self._level_names, asked)
         return v, summary, solution
 
     def problem(self, state: ArmState, reference: Reference) -> tuple[list[Level], Bounds]:
@@ -211,6 +213,10 @@ class Stack:
         except InvalidProblem as error:
             return InvalidProblem(f"{kind}: {error}")
         return InvalidProblem("a task or a limit gives rows that cannot be used")
+
+
+def _wrist(joints: int) -> str:
+    return f"whose wrist has {joints} joints" if joints else "without a wrist"
 
 
 def _tasks_of(level: LevelOfTasks) -> tuple[Task, ...]:

@@ -78,13 +78,16 @@ static void factor_joints(Joints *joints)
     memset(K, 0, sizeof(double) * (size_t)(size * size));
     for (int i = 0; i < k; ++i) {
         const double *row = row_of(joints, i, &by);
-        for (int j = 0; j <= i && k < n; ++j) {
-            const double *before = row_of(joints, j, &other);
-            K[i * k + j] = by * other * dot(row, before, n);
-        }
-        for (int p = 0; p < n && k >= n; ++p) {
-            const double part = by * by * row[p];
-            if (part != 0.0) add_to(K + p * n, part, row, p + 1);
+        if (k < n) {
+            for (int j = 0; j <= i; ++j) {
+                const double *before = row_of(joints, j, &other);
+                K[i * k + j] = by * other * dot(row, before, n);
+            }
+        } else {
+            for (int p = 0; p < n; ++p) {
+                const double part = by * by * row[p];
+                if (part != 0.0) add_to(K + p * n, part, row, p + 1);
+            }
         }
     }
     for (int i = 0; i < size; ++i) K[i * size + i] += damping * damping;

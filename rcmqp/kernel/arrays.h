@@ -43,13 +43,15 @@ static inline double *space_of(PyObject *object, npy_intp size, const char *name
 }
 
 /* A number; -1, with a Python error, if it is none. A method __float__ of a class in Python is not
- * called: it could do away with arrays whose numbers are in use. */
+ * called, and of numpy's scalars only real ones are taken, since complex ones warn in Python: either
+ * could do away with arrays whose numbers are in use. */
 static inline double number_of(PyObject *object)
 {
     if (PyErr_Occurred()) return -1.0;
     if (PyFloat_Check(object)) return PyFloat_AS_DOUBLE(object);
     if (PyLong_Check(object)) return PyLong_AsDouble(object);
-    if (PyArray_IsScalar(object, Number) && !(Py_TYPE(object)->tp_flags & Py_TPFLAGS_HEAPTYPE))
+    const int is_real = PyArray_IsScalar(object, Floating) || PyArray_IsScalar(object, Integer);
+    if (is_real && !(Py_TYPE(object)->tp_flags & Py_TPFLAGS_HEAPTYPE))
         return PyFloat_AsDouble(object);
     PyErr_Format(PyExc_TypeError, "%s given, it must be a number", Py_TYPE(object)->tp_name);
     return -1.0;

@@ -9,7 +9,7 @@
 
 #define TAU 6.283185307179586
 
-/* How far a drawing has come at t [s]: s in [0, 1] and s' [1/s]; smooth.progress(). */
+/* How far a drawing has come at t [s]: s in [0, 1] and s' [1/s]. */
 static void progress(double t, double duration, double ramp, double *s, double *s_dot)
 {
     if (t > duration / 2.0) {

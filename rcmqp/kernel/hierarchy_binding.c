@@ -124,7 +124,8 @@ PyObject *answered(const Hierarchy *hierarchy, const double *start, double *gues
     return answer;
 }
 
-/* Whether the levels end where the rows do; if not, with a Python error. */
+/* Whether the levels end where the rows do, and the last is not guarded: it keeps its directions
+ * free, so the hard rows after it would undo it. If not, with a Python error. */
 int check_levels(const Hierarchy *hierarchy, npy_intp rows)
 {
     int64_t last = 0;
@@ -139,10 +140,10 @@ int check_levels(const Hierarchy *hierarchy, npy_intp rows)
         return 0;
     }
     if (rising && last == rows && hierarchy->guarded >= 0 &&
-        hierarchy->guarded <= hierarchy->levels)
+        hierarchy->guarded < hierarchy->levels)
         return 1;
-    PyErr_SetString(PyExc_ValueError, "ends must rise to the number of rows, and guarded be at "
-                                      "most the number of levels");
+    PyErr_SetString(PyExc_ValueError, "ends must rise to the number of rows, and guarded be less "
+                                      "than the number of levels");
     return 0;
 }
 

@@ -26,7 +26,7 @@ static double keep_limits(const Law *law, double *v)
     return 1.0 / excess;
 }
 
-size_t memory_for_law(int n) { return (size_t)(17 * n + n * n + 8 * RANK + RANK * RANK + 8); }
+size_t memory_for_law(int n) { return (size_t)(18 * n + n * n + 8 * RANK + RANK * RANK + 8); }
 
 /* v (n) = K N^+ e + P K_c J_c^T (c_d - c), P = I - N^+ N: equations (4) and (6).
  *

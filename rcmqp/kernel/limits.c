@@ -5,7 +5,6 @@
 
 #include <math.h>
 
-/* limits/trocar_cone.py, limits/instrument.py */
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
 

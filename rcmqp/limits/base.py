@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp._kernel import Block, frozen, paced, record
+from rcmqp import _kernel
 from rcmqp.errors import InvalidProblem, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import allowed, check, positive, positive_or_inf
@@ -54,8 +54,8 @@ class Constraint:
         names: Sequence[str],
     ) -> Self:
         """Copy, protect and check the shapes."""
-        low, up = frozen(lower, -1), frozen(upper, -1)
-        rows, most = frozen(C, -1, -1), frozen(d, -1)
+        low, up = _kernel.frozen(lower, -1), _kernel.frozen(upper, -1)
+        rows, most = _kernel.frozen(C, -1, -1), _kernel.frozen(d, -1)
         if (
             low is None
             or up is None
@@ -80,7 +80,7 @@ class Constraint:
                 f"lower = {low} and upper = {up} leave an empty box; give numbers "
                 "with lower <= upper"
             )
-        return record(cls, low, up, rows, most, names)
+        return _kernel.record(cls, low, up, rows, most, names)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array, Array, tuple[str, ...]]]:
         """Make copies by __new__(), which checks."""
@@ -169,7 +169,7 @@ class CompiledLimit(Limit):
 
     @property
     @abc.abstractmethod
-    def block(self) -> Block:
+    def block(self) -> _kernel.Block:
         """The box, or the rows, made once of the options."""
 
     def __post_init__(self) -> None:
@@ -185,7 +185,7 @@ class CompiledLimit(Limit):
     def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
         """The constraint at ``state``."""
         rows = self.block.rows(*cycle(state, reference))
-        return record(Constraint, *rows, self.row_names)
+        return _kernel.record(Constraint, *rows, self.row_names)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -241,7 +241,7 @@ class Damper(Limit):
 
     @property
     def rates(self) -> dict[str, float]:
-        """The options that every damper's Block has."""
+        """The options that every damper's _kernel.Block has."""
         names = ("gain", "deceleration", "jerk", "period")
         return {name: getattr(self, name) for name in names}
 
@@ -253,7 +253,7 @@ class Damper(Limit):
 
         Continuous with its slope, never above gain s, and odd.
         """
-        return paced(self.gain, self.deceleration, s)
+        return _kernel.paced(self.gain, self.deceleration, s)
 
 
 def combine(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -147,7 +148,7 @@ class Hierarchy:
         ends = np.cumsum([*(level.b.size for level in levels), n])
         damping = np.array([*(level.damping for level in levels), 0.0])
         box = bounds.lower, bounds.upper, bounds.C, bounds.d
-        problem = (A, b, ends, damping, *box, guarded, int(sluggish))
+        problem = (A, b, ends, damping, *box, operator.index(guarded), int(sluggish))
         guess = self.guess((len(ends) + 1, n + bounds.d.size))
         v, numbers = _kernel.solve(*problem, self.max_rounds, None, guess, self.asks)
         answer = Answer(numbers, ends, n, bounds.d.size)

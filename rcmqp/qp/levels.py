@@ -10,7 +10,7 @@ from typing import Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rcmqp._kernel import record
+from rcmqp import _kernel
 from rcmqp.errors import InvalidProblem
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.problem import Status, checked
@@ -47,7 +47,7 @@ class Level:
             raise InvalidProblem(
                 f"damping of level {name!r} is {damping}; give 0, or a number from 1e-9 to 1e3"
             )
-        return record(cls, matrix, vector, name, float(damping))
+        return _kernel.record(cls, matrix, vector, name, float(damping))
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, str, float]]:
         """Make copies by __new__(), which checks."""
@@ -97,7 +97,7 @@ class Bounds:
             )
         upper = checked(upper, (n,), "upper", np.inf)
         most = checked(np.zeros(0) if d is None else d, (len(rows),), "d", np.inf)
-        return record(cls, lower, upper, rows, most, names)
+        return _kernel.record(cls, lower, upper, rows, most, names)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array, Array, tuple[str, ...]]]:
         """Make copies by __new__(), which checks."""

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp import _kernel
-from rcmqp._kernel import record
 from rcmqp.errors import InvalidCommand
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
@@ -126,7 +125,7 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
             "(8,) and (3,)"
         )
     x_d, x_d_dot, pivot, pivot_dot = pose
-    return record(Reference, x_d, x_d_dot, pivot, pivot_dot)
+    return _kernel.record(Reference, x_d, x_d_dot, pivot, pivot_dot)
 
 
 def carried(x: Array, offset: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp._kernel import Block, frozen, record
+from rcmqp import _kernel
 from rcmqp.errors import InvalidProblem, OptionError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import check, or_none, positive, refused, rule
@@ -43,14 +43,18 @@ class Residual:
 
     def __new__(cls, error: ArrayLike, jacobian: ArrayLike, drift: ArrayLike) -> Self:
         """Copy, protect and check the shapes."""
-        e, J, d = frozen(error, -1), frozen(jacobian, -1, -1), frozen(drift, -1)
+        e, J, d = (
+            _kernel.frozen(error, -1),
+            _kernel.frozen(jacobian, -1, -1),
+            _kernel.frozen(drift, -1),
+        )
         if e is None or J is None or d is None or not e.size == len(J) == d.size:
             raise InvalidProblem(
                 f"error {np.shape(error)}, jacobian {np.shape(jacobian)} and drift "
                 f"{np.shape(drift)} do not belong together; a task of m rows has (m,), (m, nv) "
                 "and (m,)"
             )
-        return record(cls, e, J, d)
+        return _kernel.record(cls, e, J, d)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Array, Array, Array]]:
         """Make copies by __new__(), which checks."""
@@ -71,14 +75,14 @@ def _damping(name: str, value: float) -> float:
     return value
 
 
-def block_of(item: object) -> Block | None:
+def block_of(item: object) -> _kernel.Block | None:
     """The compiled rows of a task or a limit, or value of an objective; None without any.
 
     A derived class that has an evaluate() of its own is asked that, whatever it derives from.
     """
     for cls in type(item).__mro__:
         if "block" in vars(cls):
-            found: Block | None = getattr(item, "block")  # noqa: B009  (not every item has one)
+            found: _kernel.Block | None = getattr(item, "block")  # noqa: B009  (not every item has one)
             return found
         if "evaluate" in vars(cls):
             return None
@@ -174,7 +178,7 @@ class CompiledTask(Task):
 
     @property
     @abc.abstractmethod
-    def block(self) -> Block | None:
+    def block(self) -> _kernel.Block | None:
         """The rows, made once of the options."""
 
     def __post_init__(self) -> None:
@@ -185,7 +189,7 @@ class CompiledTask(Task):
     def evaluate(self, state: ArmState, reference: Reference) -> Residual:
         """Error, Jacobian and drift at ``state``."""
         assert self.block is not None
-        return record(Residual, *self.block.rows(*cycle(state, reference)))
+        return _kernel.record(Residual, *self.block.rows(*cycle(state, reference)))
 
 
 @dataclass(frozen=True, eq=False)

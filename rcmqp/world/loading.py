@@ -108,7 +108,8 @@ def load_arm(
     or a speed limit that an MJCF does not have, is assumed, see Limited and ``arm.assumed``;
     math.inf says that there is none.
 
-    What looks wrong, such as degrees in place of radians, is said by an ArmWarning.
+    What looks wrong, such as degrees in place of radians, is said by an ArmWarning; a home or a
+    limit that was given, here or in an arm's file, is refused if it looks like degrees.
 
     Args:
         name: a name out of arm_names(); the path of an arm's file, which ends in .toml and has
@@ -129,7 +130,8 @@ def load_arm(
     Raises:
         UnknownName: no arm or no joint has this name.
         FrameNotFound: the URDF has no such frame.
-        ArmError: the file is missing, is not a URDF, or holds no fixed-base serial arm.
+        ArmError: the file is missing, is not a URDF, or holds no fixed-base serial arm; or a home
+            or a limit that was given looks like degrees.
         OptionError: a limit is not allowed.
         PluginError: the arm is a plug-in's, which cannot be used.
     """
@@ -444,10 +446,10 @@ def _check_locked(model: pin.Model, name: str, held: str, position: float) -> No
         other, factor, most = "millimetres", 0.001, 2.0
     fits = abs(position) > most and lower <= factor * position <= upper
     more = f"; are these {other}? Multiply by {factor:.6g}" if fits else ""
-    raise ArmError(
-        f"{name}: {held} cannot be locked at {position:g} {unit}, its limits are {lower:g} and "
-        f"{upper:g} {unit}{more}"
-    )
+    allowed = f"its limits are {lower:g} and {upper:g} {unit}"
+    if joint.nq != 1:
+        allowed = "more than two turns from zero"
+    raise ArmError(f"{name}: {held} cannot be locked at {position:g} {unit}, {allowed}{more}")
 
 
 def _set_angle(q: Array, joint: Any, angle: float) -> None:

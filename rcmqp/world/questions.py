@@ -8,7 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from rcmqp.errors import ArmError, JointLimitViolated
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.arm import Arm
+from rcmqp.world.arm_limits import per_joint, per_joint_position
 
 TURNS = 13.0
 """Position limit that no joint which is not endless has [rad]: more than two turns each way."""
@@ -43,7 +45,7 @@ def questions(arm: Arm, *, mounted: bool = False) -> list[str]:
         mounted: whether the turn from the frame to the flange was chosen on purpose.
     """
     return [
-        *_degrees(arm),
+        *_degrees(arm, *np.ones((2, arm.nv), dtype=bool)),
         *_millimetres(arm),
         *([] if mounted else _flange(arm)),
     ]
@@ -52,16 +54,21 @@ def questions(arm: Arm, *, mounted: bool = False) -> list[str]:
 def check_given(arm: Arm) -> None:
     """Refuse numbers of one's own that look like degrees: home, and limits.
 
-    Those of a URDF, which may be another's, are only questioned; see questions().
+    Those of a URDF, which may be another's, are only questioned, also where other joints have
+    limits that were given; see questions().
 
     Raises:
         ArmError: with the joint, and what to do.
     """
     recipe = {} if arm.source is None else arm.source.recipe
-    given = {*recipe.get("own", {}), *(["home"] if recipe.get("home") is not None else [])}
-    given |= arm.limits_by_hand.given().keys()
-    found = _degrees(arm) if given & {"position", "velocity"} else []
-    found += _home(arm) if "home" in given else []  # one that is searched is right
+    position, velocity = np.zeros((2, arm.nv), dtype=bool)
+    for given in (recipe.get("own", {}), arm.limits_by_hand.given()):
+        if "position" in given:
+            position |= ~np.isnan(per_joint_position(given["position"], arm.joints)[:, 0])
+        if "velocity" in given:
+            velocity |= ~np.isnan(per_joint("velocity", given["velocity"], arm.joints))
+    found = _degrees(arm, position, velocity)
+    found += _home(arm) if recipe.get("home") is not None else []  # one that is searched is right
     if found:
         raise ArmError(found[0])
 
@@ -94,14 +101,15 @@ def _home(arm: Arm) -> list[str]:
     return []
 
 
-def _degrees(arm: Arm) -> list[str]:
+def _degrees(arm: Arm, position: Array, velocity: Array) -> list[str]:
+    """Whether a joint's limits look like degrees, of each kind where the mask (nv,) is true."""
     found = []
     for i, joint in enumerate(arm.joints):
         if not arm.turns[i]:
             continue
         limit = max(abs(arm.lower[i]), abs(arm.upper[i]))
-        far = TURNS < limit <= 720.0
-        if far or arm.velocity[i] > FAST:
+        far = position[i] and TURNS < limit <= 720.0
+        if far or (velocity[i] and arm.velocity[i] > FAST):
             travel = f"{arm.lower[i]:g} to {arm.upper[i]:g} rad at {arm.velocity[i]:g} rad/s"
             found.append(
                 f"{arm.name}: joint {joint!r} turns from {travel}; are these degrees? Limits are "
