@@ -10,13 +10,16 @@ const NOTCH = 0.004;
 /** Of a held key, or a stick that is pushed to its end [m/s], [rad/s]. */
 const SPEED = [0.03, 0.03, 0.02, 0.6];
 /** A stick nearer to its middle does nothing. */
-const IDLE = 0.12;
+export const IDLE = 0.12;
 
 /** Keys by what they do: axis of the way, and direction. @type {Record<string, [number, number]>} */
 export const KEYS = {
   ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 1], ArrowUp: [1, -1],
   KeyW: [2, 1], KeyS: [2, -1], KeyE: [3, 1], KeyQ: [3, -1],
 };
+
+/** A device that has said nothing for so long while it should is let go [ms]. */
+export const SILENCE = 100;
 
 /** The dead-man of a gamepad: its right shoulder. */
 const SHOULDER = 5;
@@ -38,8 +41,8 @@ export class Hand {
   /** Whether the dead-man is held. */
   get held() { return this.pointers.size + this.others.size > 0; }
 
-  /** Whether the operator feels the viscosity at the handle. */
-  get felt() { return this.others.has("haply"); }
+  /** Whether the operator feels the viscosity at the handle: other hands beside it do not. */
+  get felt() { return this.others.has("haply") && this.pointers.size + this.others.size === 1; }
 
   /** Something is about to be held: the first takes a new grip. */
   take() {
@@ -124,6 +127,12 @@ export class Hand {
       this.others.add(device);
     }
     return this.others.has(device);
+  }
+
+  /** A device is not heard or seen any more: its dead-man has to be let go and pressed anew. @param {string} device */
+  lose(device) {
+    this.others.delete(device);
+    this.free.delete(device);
   }
 
   /**

@@ -1,11 +1,12 @@
 // Haply's Inverse3, by the JSON of its service: the handle moves the hand, and feels the viscosity.
 
+import { SILENCE } from "./hands.js";
 import { turnAbout } from "./vectors.js";
 
 /** Where its service listens. */
 export const SERVICE = "ws://localhost:10001";
-/** Without a message for so long the handle is let go [ms]. */
-const SILENCE = 100;
+/** From one message to the next a handle goes and turns less [m], [rad]: at 1 kHz a fast hand makes 1 mm. */
+const [JUMP, TURN] = [0.05, 0.5];
 /** The largest force that is asked for [N]. */
 const STRONGEST = 5;
 
@@ -43,7 +44,7 @@ export class Haply {
   connect(address = SERVICE) {
     if (this.socket) return;
     this.socket = new WebSocket(address);
-    this.socket.addEventListener("message", ({ data }) => this.hear(JSON.parse(data), performance.now()));
+    this.socket.addEventListener("message", ({ data }) => this.read(data, performance.now()));
     this.socket.addEventListener("open", () => sessionStorage.setItem(REMEMBERED, ""));
     this.socket.addEventListener("close", () => {
       this.socket = null;
@@ -51,6 +52,16 @@ export class Haply {
       this.letGo();
       this.page.said(`no Haply at ${address}: is its service running?`);
     });
+  }
+
+  /** A message as it came; of one that is odd nothing is followed. @param {string} text @param {number} at [ms] */
+  read(text, at) {
+    try {
+      this.hear(JSON.parse(text), at);
+    } catch (error) {
+      this.letGo();
+      this.page.said(`a message of the Haply's service is not understood: ${error instanceof Error ? error.message : error}`);
+    }
   }
 
   /**
@@ -73,7 +84,12 @@ export class Haply {
     const held = this.hand.grasp("haply", pressed);
     if (held && this.before) {
       const [[x, y, z], from] = this.before;
-      this.hand.move([place[0] - x, z - place[2], place[1] - y, turnAbout([0, 1, 0], from, attitude)], at);
+      const turn = turnAbout([0, 1, 0], from, attitude);
+      if (Math.hypot(place[0] - x, place[1] - y, place[2] - z) > JUMP || Math.abs(turn) > TURN) {
+        this.letGo();
+        return this.page.said("the Haply's handle jumped: let go of its button and press it again");
+      }
+      this.hand.move([place[0] - x, z - place[2], place[1] - y, turn], at);
     }
     this.before = held ? [place, attitude] : null;
     this.page.changed();
@@ -97,8 +113,7 @@ export class Haply {
 
   letGo() {
     this.before = null;
-    this.hand.others.delete("haply");
-    this.hand.free.delete("haply"); // it has to be let go and pressed anew
+    this.hand.lose("haply");
     this.page.changed();
   }
 }
