@@ -185,6 +185,7 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
     assert notes["answers"] == {"ease": 3, "followed": 4, "comment": "no depth in the picture"}
     assert notes["finished"] is True
     assert notes["attempts"] == 1
+    assert notes["device"] == ["mouse"]
     for name in ("input", "state", "picture"):
         median, p95, p99, count = notes["latency_s"][name]
         assert 0.0 <= median <= p95 <= p99

@@ -203,7 +203,7 @@ test("of several hands only a Haply alone feels the viscosity", () => {
   device.hear(message([0, 0, 0], { pressed: false }), 1);
   device.hear(message([0, 0, 0]), 2);
   assert.ok(hand.felt);
-  hand.down(1, [0, 0]);
+  hand.down(1, [0, 0], "mouse");
   assert.ok(!hand.felt);
   hand.up(1);
   assert.ok(hand.felt);
