@@ -282,7 +282,7 @@ def test_a_page_that_goes_lets_go_and_the_next_one_may_steer() -> None:
                 assert (await told(page, "role"))["steers"]
                 await say(watcher, kind="take")
                 assert not (await told(watcher, "role"))["steers"]
-                await say(watcher, **words(at=time.monotonic()))
+                await say(watcher, **words(at=time.monotonic(), devices=["keys"]))
                 await say(page, **words(7, at=time.monotonic()))
                 hand = await served.heard()
                 assert (hand.number, hand.held) == (7, True)
@@ -291,6 +291,7 @@ def test_a_page_that_goes_lets_go_and_the_next_one_may_steer() -> None:
             await say(watcher, kind="take")
             assert (await told(watcher, "role"))["steers"]
             assert served.console.desk.counts.watching == 1
+            assert served.console.devices == {"mouse"}  # of the one that steered
 
     on_a_server(act)
 

@@ -243,8 +243,18 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
         start, number = hear(page, "state")["tip"], 0
         while math.dist(hear(page, "state")["tip"], start) < 2e-3:
             event, number = time.monotonic(), number + 1
-            hand = {"number": number, "grip": 1 + number // 200, "held": number % 200 > 0}
-            say(page, "hand", **hand, at=event, event=event, way=[2e-4 * number, 0.0, 0.0, 0.0])
+            say(
+                page,
+                "hand",
+                number=number,
+                grip=1 + number // 200,
+                held=number % 200 > 0,
+                at=event,
+                event=event,
+                way=[2e-4 * number, 0.0, 0.0, 0.0],
+                felt=False,
+                devices=["keys"],
+            )
         process.kill()
     file = folder / "trials" / "P07-1.h5"
     until(file.exists, "the run's file")
