@@ -215,7 +215,7 @@ test("a Haply that sends what is not understood, or whose handle jumps, lets go 
   const at = (/** @type {any} */ cursor_position) => JSON.stringify({ inverse3: [{ device_id: "0F", state: { cursor_position } }] });
   for (const odd of [
     "", "null", '{"inverse3": null}', '{"inverse3": 7}', at(null), '{"inverse3": [{"state": {}}], "verse_grip": null}',
-    JSON.stringify(message([50, 0, 0])), JSON.stringify(message([0, 0.06, 0])), JSON.stringify(message([0, 0, 0], { q: turn([0, 1, 0], 1) })),
+    JSON.stringify(message([0, NaN, 0])), JSON.stringify(message([50, 0, 0])), JSON.stringify(message([0, 0.06, 0])), JSON.stringify(message([0, 0, 0], { q: turn([0, 1, 0], 1) })),
   ]) {
     const { hand, device, said } = haply();
     device.read(JSON.stringify(message([0, 0, 0], { pressed: false })), 1);
@@ -237,8 +237,8 @@ test("messages of a Haply without a place, or with one that is no number, hold n
   const { hand, device } = haply();
   device.hear(message([0, 0, 0], { pressed: false }), 1);
   for (const odd of [{}, { inverse3: [] }, { inverse3: [{ device_id: "0F", state: {} }], wireless_verse_grip: message([0, 0, 0]).wireless_verse_grip }])
-    device.hear(/** @type {any} */ (odd), 2);
-  device.hear(message([0, NaN, 0]), 3);
+    device.read(JSON.stringify(odd), 2);
+  device.read(JSON.stringify(message([0, NaN, 0])), 3);
   assert.ok(!hand.held);
 });
 

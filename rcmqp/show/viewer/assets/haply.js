@@ -69,6 +69,7 @@ export class Haply {
    *
    * @param {{inverse3?: any[], wireless_verse_grip?: any[], verse_grip?: any[]}} message
    * @param {number} at [ms]
+   * @throws {TypeError | RangeError} if it has other fields, or numbers that are not finite
    */
   hear({ inverse3 = [], wireless_verse_grip, verse_grip = [] }, at) {
     const [device] = inverse3;
@@ -77,11 +78,11 @@ export class Haply {
     const { buttons = {}, orientation } = grip?.state ?? {};
     const place = array(device.state.cursor_position);
     const attitude = orientation ? array(orientation) : [0, 0, 0, 1];
-    const pressed = Object.values(buttons).some(Boolean) && place.every(Number.isFinite) && attitude.every(Number.isFinite);
     this.heard = at;
     this.silent = false;
     this.render(device);
-    const held = this.hand.grasp("haply", pressed);
+    if (![...place, ...attitude].every(Number.isFinite)) throw new RangeError("it has no place or attitude of the handle");
+    const held = this.hand.grasp("haply", Object.values(buttons).some(Boolean));
     if (held && this.before) {
       const [[x, y, z], from] = this.before;
       const turn = turnAbout([0, 1, 0], from, attitude);
