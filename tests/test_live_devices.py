@@ -88,14 +88,14 @@ def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
         time.sleep(0.3)
         return bool(page.evaluate("rcmqp.held"))
 
-    def went(*to: float, roll: float) -> Any:
+    def went(x: float, y: float, z: float, roll: float) -> Any:
         """What the hand goes from one place, where it takes hold, to another."""
         trigger(0)
         time.sleep(0.3)
         start = np.array(page.evaluate("rcmqp.way"))
         at(0.05, -0.02, 0.0, roll=0.5)  # let go: it does not count
         taken()
-        at(*to, roll=roll)
+        at(x, y, z, roll)
         time.sleep(0.3)
         return page.evaluate("rcmqp.way") - start
 

@@ -165,6 +165,8 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
         page.click("#start", timeout=1e3 * PATIENCE)
         watcher.close()  # it has had its chance while the practice was loaded
         came(page, "The task")
+        until(lambda: page.locator("#start").is_visible(), "the start")
+        assert page.locator("#haply").is_visible()  # also for those who do not practise
         page.click("#start", timeout=1e3 * PATIENCE)
         until(lambda: page.evaluate("rcmqp.newest !== null"), "the arm")
         operator = Operator(page)
