@@ -56,7 +56,13 @@ def test_a_server_that_is_killed_leaves_the_arm_at_rest_and_the_file_whole(
                     grip = number  # a busy machine may have been silent for too long
                 number += 1
                 way = [0.05 * np.sin(2.0 * (now - began)), 0.0, 0.0, 0.0]
-                words = {"number": number, "grip": grip, "held": True, "event": now, "felt": False}
+                words: dict[str, object] = {
+                    "number": number,
+                    "grip": grip,
+                    "held": True,
+                    "event": now,
+                }
+                words |= {"felt": False, "devices": ["mouse"]}
                 await page.send(json.dumps({"kind": "hand", "at": now, "way": way, **words}))
                 with contextlib.suppress(TimeoutError):
                     said = json.loads(await asyncio.wait_for(page.recv(), 0.016))

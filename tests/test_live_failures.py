@@ -251,7 +251,9 @@ def test_others_that_meddle_are_refused_and_counted_and_the_operator_steers_on(
     def hand(number: int, grip: int, x: float) -> str:
         now = time.monotonic()
         said = {"number": number, "grip": grip, "held": True, "at": now, "event": now}
-        return json.dumps({"kind": "hand", "way": [x, 0.0, 0.0, 0.0], "felt": False, **said})
+        return json.dumps(
+            {"kind": "hand", "way": [x, 0.0, 0.0, 0.0], "felt": False, "devices": [], **said}
+        )
 
     async def steer(uri: str, options: dict[str, Any]) -> int:
         """How often the arm moved while others meddle."""

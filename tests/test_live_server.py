@@ -35,6 +35,7 @@ def words(number: Any = 1, at: Any = 10.0, **changes: Any) -> dict[str, Any]:
         "event": None,
         "way": [0.01, 0.0, 0.0, 0.0],
         "felt": False,
+        "devices": ["mouse"],
     } | changes
 
 
@@ -43,7 +44,8 @@ def words(number: Any = 1, at: Any = 10.0, **changes: Any) -> dict[str, Any]:
 
 def test_messages_are_read_as_they_were_meant() -> None:
     hand = parse(json.dumps(words(event=9.5)))
-    assert hand == Hand(1, 1, True, 10.0, 9.5, (0.01, 0.0, 0.0, 0.0))
+    assert hand == Hand(1, 1, True, 10.0, 9.5, (0.01, 0.0, 0.0, 0.0), devices=("mouse",))
+    hand = hand._replace(devices=())  # the loop does not need them
     assert Hand.unpack(hand.pack()) == hand
     felt = hand._replace(operator=2, felt=True)
     assert Hand.unpack(felt.pack()) == felt
@@ -69,6 +71,10 @@ def test_messages_are_read_as_they_were_meant() -> None:
         json.dumps(words(way=[0.0, 0.0, 0.0, None])),
         json.dumps(words(held=1)),
         json.dumps(words(felt=None)),
+        json.dumps(words(devices="mouse")),
+        json.dumps(words(devices=["scalpel"])),
+        json.dumps(words(devices=[["mouse"]])),
+        json.dumps(words(devices=["mouse"] * 9)),
         json.dumps(words(number=1.5)),
         json.dumps(words(number=-1)),
         json.dumps(words(number=True)),
@@ -276,7 +282,7 @@ def test_a_page_that_goes_lets_go_and_the_next_one_may_steer() -> None:
                 assert (await told(page, "role"))["steers"]
                 await say(watcher, kind="take")
                 assert not (await told(watcher, "role"))["steers"]
-                await say(watcher, **words(at=time.monotonic()))
+                await say(watcher, **words(at=time.monotonic(), devices=["keys"]))
                 await say(page, **words(7, at=time.monotonic()))
                 hand = await served.heard()
                 assert (hand.number, hand.held) == (7, True)
@@ -285,6 +291,7 @@ def test_a_page_that_goes_lets_go_and_the_next_one_may_steer() -> None:
             await say(watcher, kind="take")
             assert (await told(watcher, "role"))["steers"]
             assert served.console.desk.counts.watching == 1
+            assert served.console.devices == {"mouse"}  # of the one that steered
 
     on_a_server(act)
 

@@ -165,6 +165,8 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
         page.click("#start", timeout=1e3 * PATIENCE)
         watcher.close()  # it has had its chance while the practice was loaded
         came(page, "The task")
+        until(lambda: page.locator("#start").is_visible(), "the start")
+        assert page.locator("#haply").is_visible()  # also for those who do not practise
         page.click("#start", timeout=1e3 * PATIENCE)
         until(lambda: page.evaluate("rcmqp.newest !== null"), "the arm")
         operator = Operator(page)
@@ -185,6 +187,7 @@ def test_an_operator_finishes_the_whole_trial_by_what_the_page_shows(tmp_path: P
     assert notes["answers"] == {"ease": 3, "followed": 4, "comment": "no depth in the picture"}
     assert notes["finished"] is True
     assert notes["attempts"] == 1
+    assert notes["device"] == ["mouse"]
     for name in ("input", "state", "picture"):
         median, p95, p99, count = notes["latency_s"][name]
         assert 0.0 <= median <= p95 <= p99
@@ -242,8 +245,18 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
         start, number = hear(page, "state")["tip"], 0
         while math.dist(hear(page, "state")["tip"], start) < 2e-3:
             event, number = time.monotonic(), number + 1
-            hand = {"number": number, "grip": 1 + number // 200, "held": number % 200 > 0}
-            say(page, "hand", **hand, at=event, event=event, way=[2e-4 * number, 0.0, 0.0, 0.0])
+            say(
+                page,
+                "hand",
+                number=number,
+                grip=1 + number // 200,
+                held=number % 200 > 0,
+                at=event,
+                event=event,
+                way=[2e-4 * number, 0.0, 0.0, 0.0],
+                felt=False,
+                devices=["keys"],
+            )
         process.kill()
     file = folder / "trials" / "P07-1.h5"
     until(file.exists, "the run's file")

@@ -41,6 +41,7 @@ class Participant:
         self.page, self.told = "", list[dict[str, Any]]()
         self.said: Callable[[Said], None] = lambda said: None
         self.drawn: Any = None
+        self.devices = {"gamepad"}  # held while reading, before the start
 
     def turn(self, channel: Any) -> Any:
         return channel
@@ -57,8 +58,8 @@ class Participant:
 class Loop:
     """A loop that ends at once, and writes a run if it is one that is kept."""
 
-    def __init__(self, out: str | None, last: dict[str, Any]) -> None:
-        self.out, self.last, self.channel = out and Path(out), last, None
+    def __init__(self, out: str | None, last: dict[str, Any], devices: set[str]) -> None:
+        self.devices, self.out, self.last, self.channel = devices, out and Path(out), last, None
 
     def stop(self) -> None: ...
 
@@ -67,6 +68,8 @@ class Loop:
             raise LoopEnded("the loop cannot begin")
 
     def start(self) -> None:
+        assert not self.devices, "what was held before the start does not count"
+        self.devices.update(self.last.get("devices", []))
         if self.out:
             assert not self.out.exists(), "the run of an older attempt is still there"
             self.out.write_text("a run")
@@ -77,18 +80,17 @@ class Loop:
 
 def sit(monkeypatch: pytest.MonkeyPatch, path: Path, *ends: dict[str, Any]) -> Participant:
     """A whole sitting of P01, whose loops end one after the other as given."""
-    left = list(ends)
+    left, page = list(ends), Participant()
 
     @contextlib.contextmanager
     def process(header: dict[str, Any]) -> Iterator[Loop]:
-        yield Loop(header["out"], left.pop(0))
+        yield Loop(header["out"], left.pop(0), page.devices)
 
     monkeypatch.setattr(sitting, "loop_process", process)
     monkeypatch.setattr(sitting, "start_data", lambda *given: "")
     monkeypatch.setattr(sitting, "task_page", lambda data, words: words["note"])
     monkeypatch.setattr(sitting, "quantiles", lambda latency: [])
     monkeypatch.setattr(sitting, "READING", 0.0)
-    page = Participant()
     console: Any = page
     with contextlib.suppress(LoopEnded, OptionError):
         asyncio.run(sitting.Sitting(DESIGN, Folder(path), "P01", console).run())
@@ -106,6 +108,16 @@ def test_a_task_that_was_not_recorded_whole_is_done_again(
     assert (notes["attempts"], notes["finished"]) == (2, True)
     assert notes["faults"] == ["not recorded whole: nothing: the disk is full"]
     assert page.told[-1]["last"]
+
+
+def test_the_notes_say_which_devices_steered_the_attempt_that_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = ENDED | {"recorded_whole": False, "recorded": "nothing", "devices": ["touch"]}
+    sit(monkeypatch, tmp_path, lost, ENDED | {"devices": ["haply", "mouse"]})
+    notes = Folder(tmp_path).notes("P01", 1)
+    assert notes is not None
+    assert notes["device"] == ["mouse", "haply"]
 
 
 @pytest.mark.parametrize(

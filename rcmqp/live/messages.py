@@ -19,6 +19,9 @@ FARTHEST = 1e3
 LARGEST = 2**53
 """Whole numbers of a page are below it."""
 
+DEVICES = ("mouse", "touch", "pen", "keys", "gamepad", "headset", "space mouse", "haply")
+"""What may hold the hand."""
+
 SAID = ("start", "break", "answers")
 """What a page of a trial says besides."""
 
@@ -45,6 +48,7 @@ class Hand(NamedTuple):
             from anywhere, in the axes of the picture.
         operator: how often the steering has changed hands.
         felt: whether the device renders the viscosity.
+        devices: what holds the hand, of DEVICES; the loop is not told of them.
     """
 
     number: int
@@ -55,9 +59,10 @@ class Hand(NamedTuple):
     way: tuple[float, float, float, float]
     operator: int = 0
     felt: bool = False
+    devices: tuple[str, ...] = ()
 
     def pack(self) -> bytes:
-        """As bytes."""
+        """As bytes, without the devices."""
         head = (self.number, self.grip, self.operator, self.held, self.felt)
         return _PACKED.pack(*head, self.at, self.event, *self.way)
 
@@ -127,7 +132,10 @@ def parse(text: str) -> Hand | Ping | Take | Said:
         event = math.nan if data["event"] is None else _number(data["event"])
         number, grip = _whole(data["number"]), _whole(data["grip"])
         way, at = (x, y, z, roll), _number(data["at"])
-        return Hand(number, grip, data["held"], at, event, way, felt=data["felt"])
+        devices = tuple(_array(data["devices"], 0, len(DEVICES)))
+        if not all(device in DEVICES for device in devices):
+            raise Malformed("a device is not one that a page knows")
+        return Hand(number, grip, data["held"], at, event, way, felt=data["felt"], devices=devices)
     if kind in SAID[:2] and not data:
         return Said(kind, {})
     if kind == SAID[2] and data.keys() == {"values"}:

@@ -73,6 +73,7 @@ class Console:
         said: is called with what a participant of a trial says.
         desk: who steers, and what was dropped.
         drawn: from a state that was sent to its picture, as the pages say.
+        devices: what held the hand, of messages.DEVICES; may be cleared.
         ended: why the loop ended; None while it runs.
     """
 
@@ -86,6 +87,7 @@ class Console:
             local: whether only names of this machine are ours.
         """
         self.desk, self.drawn = Desk(), LatencyCounter()
+        self.devices = set[str]()
         self.ended: str | None = None
         self.page = page
         self.said: Callable[[Said], None] = lambda said: None
@@ -174,6 +176,7 @@ class Console:
                 now = time.monotonic()
                 said = self.desk.hear(visitor, message.get("text") or "", now)
                 if isinstance(said, Hand):
+                    self.devices.update(said.devices)
                     self._pass(said)
                 elif isinstance(said, Ping):
                     for age in said.drawn:

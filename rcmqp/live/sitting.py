@@ -16,7 +16,7 @@ from rcmqp.experiments.trial.questions import checked_after, checked_before
 from rcmqp.files import remove
 from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.loop_process import LoopProcess, at_rest, loop_process
-from rcmqp.live.messages import Said
+from rcmqp.live.messages import DEVICES, Said
 from rcmqp.live.page import start_data, task_page, task_words
 from rcmqp.live.server import Console
 from rcmqp.live.session import quantiles
@@ -183,6 +183,7 @@ class Sitting:
                 continue
             notes["finished"] = len(last["reached"]) == len(task.places)
             self._over("All pictures are found." if notes["finished"] else "The time is over.")
+            notes["device"] = [name for name in DEVICES if name in self._console.devices]
             notes["reached_s"] = last["reached"]
             notes["latency_s"] = last["latency"] | {
                 "picture": quantiles(self._console.drawn.latency())
@@ -231,6 +232,7 @@ class Sitting:
                         raise BrokenOff(f"{self._id} breaks off before a start")
                 if header["out"] is not None:  # an older attempt's run must not stand for this one
                     remove(header["out"])
+                self._console.devices.clear()
                 loop.start()
                 return await self._until_the_end(loop)
             finally:

@@ -1,8 +1,9 @@
-// A space mouse and a Haply, played by stand-ins: what they say moves the hand while they hold.
+// A headset's controllers, a space mouse and a Haply, played by stand-ins: what they say moves the hand while they hold.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { Controllers } from "../../rcmqp/show/viewer/assets/controllers.js";
 import { Hand } from "../../rcmqp/show/viewer/assets/hands.js";
 import { Haply } from "../../rcmqp/show/viewer/assets/haply.js";
 import { SpaceMouse } from "../../rcmqp/show/viewer/assets/spacemouse.js";
@@ -52,34 +53,65 @@ test("a space mouse moves the hand while a button is held, each axis to its own"
     [1, [20, 0, 0], [0, 0, 0, 0]], // it does not go back quite
   ])) {
     const { hand, mouse } = spaceMouse();
-    mouse.hear(report(id, numbers));
+    mouse.hear(report(id, numbers), 0);
     mouse.tick(1, 1);
     near(hand.way, [0, 0, 0, 0]);
-    mouse.hear(buttons(1));
+    mouse.hear(buttons(1), 0);
     assert.ok(hand.held);
     mouse.tick(1, 1);
     near(hand.way, way);
-    mouse.hear(buttons(0));
+    mouse.hear(buttons(0), 0);
     assert.ok(!hand.held);
   }
 });
 
 test("a space mouse that is unplugged, or was pressed at a release, holds nothing", () => {
   const { hand, mouse } = spaceMouse();
-  mouse.hear(buttons(2));
+  mouse.hear(buttons(2), 0);
   hand.release();
-  mouse.hear(report(1, [350, 0, 0]));
+  mouse.hear(report(1, [350, 0, 0]), 0);
   mouse.tick(1, 1);
   assert.ok(!hand.held);
   near(hand.way, [0, 0, 0, 0]);
-  mouse.hear(buttons(0));
-  mouse.hear(buttons(2));
+  mouse.hear(buttons(0), 0);
+  mouse.hear(buttons(2), 0);
   assert.ok(hand.held);
   assert.equal(hand.grip, 2);
   mouse.gone();
   mouse.tick(1, 1);
   assert.ok(!hand.held);
   near(hand.way, [0, 0, 0, 0]);
+});
+
+test("a space mouse whose cap was pushed when it fell silent lets go, and has to be let go and pressed anew", () => {
+  for (const numbers of [[350, 0, 0], [0, 0, 0, 0, 350, 0]]) {
+    const { hand, mouse } = spaceMouse();
+    mouse.hear(buttons(1), 0);
+    mouse.hear(report(1, numbers), 0);
+    for (let at = 10; at <= 10000; at += 10) mouse.tick(0.01, at); // out of reach for 10 s
+    assert.ok(!hand.held);
+    assert.ok(Math.abs(hand.way[0]) < 0.0031 && Math.abs(hand.way[3]) < 0.061, `${hand.way}`);
+    const stayed = [...hand.way];
+    mouse.hear(report(1, numbers), 10000);
+    mouse.tick(0.01, 10010);
+    assert.ok(!hand.held);
+    mouse.hear(buttons(0), 10020);
+    mouse.hear(buttons(1), 10030);
+    mouse.tick(0.01, 10040);
+    assert.ok(hand.held);
+    assert.notDeepEqual(hand.way, stayed);
+  }
+});
+
+test("a space mouse that is held still sends nothing, and stays held", () => {
+  const { hand, mouse } = spaceMouse();
+  mouse.hear(report(1, [20, 0, 0]), 0); // it does not go back quite
+  mouse.hear(buttons(1), 0);
+  mouse.tick(0.01, 5000);
+  assert.ok(hand.held);
+  mouse.hear(report(1, [350, 0, 0]), 5010);
+  mouse.tick(0.01, 5020);
+  near(hand.way, [0.0003, 0, 0, 0]);
 });
 
 test("a space mouse that was allowed before is listened to, and a report that is too short is left out", async () => {
@@ -166,11 +198,92 @@ test("a Haply that falls silent lets go, and has to be let go and pressed anew",
   near(hand.way, [0, 0, 0, 0]);
 });
 
+test("of several hands only a Haply alone feels the viscosity", () => {
+  const { hand, device } = haply();
+  device.hear(message([0, 0, 0], { pressed: false }), 1);
+  device.hear(message([0, 0, 0]), 2);
+  assert.ok(hand.felt);
+  hand.down(1, [0, 0], "mouse");
+  assert.ok(!hand.felt);
+  hand.up(1);
+  assert.ok(hand.felt);
+  hand.press("KeyW");
+  assert.ok(!hand.felt);
+});
+
+test("a Haply that sends what is not understood, or whose handle jumps, lets go and says so", () => {
+  const at = (/** @type {any} */ cursor_position) => JSON.stringify({ inverse3: [{ device_id: "0F", state: { cursor_position } }] });
+  for (const odd of [
+    "", "null", '{"inverse3": null}', '{"inverse3": 7}', at(null), '{"inverse3": [{"state": {}}], "verse_grip": null}',
+    JSON.stringify(message([0, NaN, 0])), JSON.stringify(message([50, 0, 0])), JSON.stringify(message([0, 0.06, 0])), JSON.stringify(message([0, 0, 0], { q: turn([0, 1, 0], 1) })),
+  ]) {
+    const { hand, device, said } = haply();
+    device.read(JSON.stringify(message([0, 0, 0], { pressed: false })), 1);
+    device.read(JSON.stringify(message([0, 0, 0])), 2);
+    assert.ok(hand.held);
+    device.read(odd, 3);
+    assert.ok(!hand.held, odd);
+    assert.equal(said.length, 1, odd);
+    device.read(JSON.stringify(message([0, 0, 0])), 4);
+    assert.ok(!hand.held, odd);
+    near(hand.way, [0, 0, 0, 0]);
+    device.read(JSON.stringify(message([0, 0, 0], { pressed: false })), 5);
+    device.read(JSON.stringify(message([0, 0, 0])), 6);
+    assert.ok(hand.held, odd);
+  }
+});
+
 test("messages of a Haply without a place, or with one that is no number, hold nothing", () => {
   const { hand, device } = haply();
   device.hear(message([0, 0, 0], { pressed: false }), 1);
   for (const odd of [{}, { inverse3: [] }, { inverse3: [{ device_id: "0F", state: {} }], wireless_verse_grip: message([0, 0, 0]).wireless_verse_grip }])
-    device.hear(/** @type {any} */ (odd), 2);
-  device.hear(message([0, NaN, 0]), 3);
+    device.read(JSON.stringify(odd), 2);
+  device.read(JSON.stringify(message([0, NaN, 0])), 3);
   assert.ok(!hand.held);
+});
+
+/** A right controller whose trigger is pressed or not. @param {boolean} pressed */
+const right = (pressed) => [{ handedness: "right", gripSpace: {}, gamepad: { buttons: [{ pressed }] } }];
+/** @param {number} x @param {boolean} emulatedPosition */
+const pose = (x, emulatedPosition = false) =>
+  () => ({ transform: { position: { x, y: 0, z: 0, w: 1 }, orientation: { x: 0, y: 0, z: 0, w: 1 } }, emulatedPosition });
+
+function controllers() {
+  const hand = new Hand();
+  const each = new Controllers(hand, () => {});
+  each.read(right(false), pose(0), 1);
+  each.read(right(true), pose(0), 10);
+  each.read(right(true), pose(0.01), 20);
+  assert.ok(hand.held);
+  near(hand.way, [0.01, 0, 0, 0]);
+  return { hand, each };
+}
+
+test("a controller whose place is a guess, or that is gone, lets go, and has to be let go and pressed anew", () => {
+  for (const lost of [pose(0.31, true), () => null, () => undefined]) {
+    const { hand, each } = controllers();
+    each.read(right(true), lost, 30);
+    assert.ok(!hand.held);
+    each.read(right(true), pose(0.3), 40);
+    assert.ok(!hand.held);
+    each.read(right(false), pose(0.3), 50);
+    each.read(right(true), pose(0.3), 60);
+    assert.ok(hand.held);
+    each.read(right(true), pose(0.31), 70);
+    near(hand.way, [0.02, 0, 0, 0]);
+  }
+});
+
+test("a controller that is not read any more, as no picture is drawn, lets go", () => {
+  const { hand, each } = controllers();
+  each.tick(120);
+  assert.ok(hand.held);
+  each.tick(121);
+  assert.ok(!hand.held);
+  each.read(right(true), pose(0.3), 500);
+  assert.ok(!hand.held);
+  each.read(right(false), pose(0.3), 510);
+  each.read(right(true), pose(0.3), 520);
+  assert.ok(hand.held);
+  near(hand.way, [0.01, 0, 0, 0]);
 });

@@ -17,7 +17,7 @@ const pad = (pressed, axes = [0, 0, 0, 0]) => ({ axes, buttons: Array.from({ len
 
 test("a drag moves the hand as far as it goes across the picture", () => {
   const hand = new Hand();
-  hand.down(1, [10, 20]);
+  hand.down(1, [10, 20], "mouse");
   assert.ok(hand.held);
   hand.drag(1, [210, 20], how);
   hand.drag(1, [210, 120], how);
@@ -31,7 +31,7 @@ test("a drag moves the hand as far as it goes across the picture", () => {
 
 test("with Shift a drag up goes in, and one to the right rolls clockwise", () => {
   const hand = new Hand();
-  hand.down(1, [0, 0]);
+  hand.down(1, [0, 0], "mouse");
   hand.drag(1, [0, -100], { ...how, shift: true });
   near(hand.way, [0, 0, 0.02, 0]);
   hand.drag(1, [100, -100], { ...how, shift: true });
@@ -40,8 +40,8 @@ test("with Shift a drag up goes in, and one to the right rolls clockwise", () =>
 
 test("two fingers pinch, twist and move", () => {
   const hand = new Hand();
-  hand.down(1, [0, 0]);
-  hand.down(2, [100, 0]);
+  hand.down(1, [0, 0], "mouse");
+  hand.down(2, [100, 0], "mouse");
   hand.drag(2, [200, 0], how); // twice as far apart
   near(hand.way, [0.01, 0, 0.03, 0]);
   hand.drag(2, [0, 200], how); // a quarter turn, clockwise in the picture
@@ -53,14 +53,14 @@ test("the wheel counts only while something is held", () => {
   const hand = new Hand();
   hand.wheel(-1, 3);
   near(hand.way, [0, 0, 0, 0]);
-  hand.down(1, [0, 0]);
+  hand.down(1, [0, 0], "mouse");
   hand.wheel(-1, 3);
   near(hand.way, [0, 0, 0.004, 0]);
 });
 
 test("each time that all was let go, a new grip begins", () => {
   const hand = new Hand();
-  hand.down(1, [0, 0]);
+  hand.down(1, [0, 0], "mouse");
   hand.press("KeyW");
   hand.up(1);
   assert.equal(hand.grip, 1);
@@ -103,11 +103,31 @@ test("a gamepad counts while its shoulder is held, and has to be let go after a 
 
 test("after a release nothing that is still down moves the hand", () => {
   const hand = new Hand();
-  hand.down(1, [0, 0]);
+  hand.down(1, [0, 0], "mouse");
   hand.press("KeyW");
   hand.release();
   assert.ok(!hand.held);
   hand.drag(1, [100, 0], how);
   hand.tick(1, 1);
   near(hand.way, [0, 0, 0, 0]);
+});
+
+test("what holds has a name, and each name once", () => {
+  const hand = new Hand();
+  assert.deepEqual(hand.devices, []);
+  hand.down(1, [0, 0], "touch");
+  hand.down(2, [9, 0], "touch");
+  hand.drag(1, [5, 5], { size: 100, shift: false, at: 1 });
+  assert.deepEqual(hand.devices, ["touch"]);
+  hand.press("KeyW");
+  hand.press("ArrowUp");
+  hand.read(pad(false), 1, 1);
+  hand.read(pad(true), 1, 1);
+  for (const device of ["left controller", "right controller", "space mouse", "haply"]) {
+    hand.grasp(device, false);
+    hand.grasp(device, true);
+  }
+  assert.deepEqual(hand.devices, ["touch", "keys", "gamepad", "headset", "space mouse", "haply"]);
+  hand.release();
+  assert.deepEqual(hand.devices, []);
 });

@@ -40,7 +40,7 @@ export class Devices {
     this.haply = new Haply(hand, { ...page, said: say });
     const { hid, xr } = /** @type {{hid?: import("./spacemouse.js").Hid, xr?: import("./headset.js").Xr}} */ (
       /** @type {unknown} */ (navigator));
-    const headset = new Headset(hand, page);
+    const headset = this.headset = new Headset(hand, page);
     if (xr) xr.isSessionSupported("immersive-vr").then((can) => can && offer("headset", () => headset.toggle(xr)), () => {});
     if (hid) {
       offer("spacemouse", () => this.spaceMouse.connect(hid));
@@ -55,5 +55,6 @@ export class Devices {
     this.hand.read(navigator.getGamepads().find(Boolean) ?? null, passed, now);
     this.spaceMouse.tick(passed, now);
     this.haply.tick(now);
+    this.headset.controllers.tick(now);
   }
 }

@@ -10,13 +10,16 @@ const NOTCH = 0.004;
 /** Of a held key, or a stick that is pushed to its end [m/s], [rad/s]. */
 const SPEED = [0.03, 0.03, 0.02, 0.6];
 /** A stick nearer to its middle does nothing. */
-const IDLE = 0.12;
+export const IDLE = 0.12;
 
 /** Keys by what they do: axis of the way, and direction. @type {Record<string, [number, number]>} */
 export const KEYS = {
   ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 1], ArrowUp: [1, -1],
   KeyW: [2, 1], KeyS: [2, -1], KeyE: [3, 1], KeyQ: [3, -1],
 };
+
+/** A device that has said nothing for so long while it should is let go [ms]. */
+export const SILENCE = 100;
 
 /** The dead-man of a gamepad: its right shoulder. */
 const SHOULDER = 5;
@@ -27,7 +30,7 @@ export class Hand {
     this.grip = 0; // how often somebody has taken hold
     /** When the input happened that has not been sent yet [ms]; null for none. @type {number | null} */
     this.event = null;
-    /** Pointers that are down, where [px]. @type {Map<number, [number, number]>} */
+    /** Pointers that are down: where [px], and what each is. @type {Map<number, [number, number, string]>} */
     this.pointers = new Map();
     /** Other things that are held: keys, a gamepad. @type {Set<string>} */
     this.others = new Set();
@@ -38,8 +41,14 @@ export class Hand {
   /** Whether the dead-man is held. */
   get held() { return this.pointers.size + this.others.size > 0; }
 
-  /** Whether the operator feels the viscosity at the handle. */
-  get felt() { return this.others.has("haply"); }
+  /** Whether the operator feels the viscosity at the handle: other hands beside it do not. */
+  get felt() { return this.others.has("haply") && this.pointers.size + this.others.size === 1; }
+
+  /** What holds: mouse, touch, pen, keys, gamepad, headset, space mouse, haply. */
+  get devices() {
+    const others = [...this.others].map((name) => (name in KEYS ? "keys" : name.endsWith(" controller") ? "headset" : name));
+    return [...new Set([...this.pointers.values()].map(([, , kind]) => kind).concat(others))];
+  }
 
   /** Something is about to be held: the first takes a new grip. */
   take() {
@@ -59,10 +68,10 @@ export class Hand {
     this.event ??= at;
   }
 
-  /** @param {number} id @param {[number, number]} place [px] */
-  down(id, place) {
+  /** @param {number} id @param {[number, number]} place [px] @param {string} kind mouse, touch or pen */
+  down(id, place, kind) {
     this.take();
-    this.pointers.set(id, place);
+    this.pointers.set(id, [...place, kind]);
   }
 
   /** @param {number} id */
@@ -81,7 +90,7 @@ export class Hand {
     if (!before) return;
     const [x, y] = [place[0] - before[0], place[1] - before[1]];
     const other = [...this.pointers].find(([each]) => each !== id)?.[1];
-    this.pointers.set(id, place);
+    this.pointers.set(id, [...place, before[2]]);
     const scale = SPAN / size;
     if (other) {
       const [from, to] = [before, place].map((p) => [p[0] - other[0], p[1] - other[1]]);
@@ -126,6 +135,12 @@ export class Hand {
     return this.others.has(device);
   }
 
+  /** A device is not heard or seen any more: its dead-man has to be let go and pressed anew. @param {string} device */
+  lose(device) {
+    this.others.delete(device);
+    this.free.delete(device);
+  }
+
   /**
    * Sticks, or a cap, that are pushed from their middle while their device holds.
    *
@@ -146,7 +161,7 @@ export class Hand {
    * @param {number} at [ms]
    */
   read(pad, passed, at) {
-    if (!this.grasp("pad", pad?.buttons[SHOULDER]?.pressed ?? false) || !pad) return;
+    if (!this.grasp("gamepad", pad?.buttons[SHOULDER]?.pressed ?? false) || !pad) return;
     const [x = 0, y = 0, roll = 0, out = 0] = pad.axes;
     this.push([x, y, -out, roll], passed, at);
   }

@@ -1,11 +1,12 @@
 // Haply's Inverse3, by the JSON of its service: the handle moves the hand, and feels the viscosity.
 
+import { SILENCE } from "./hands.js";
 import { turnAbout } from "./vectors.js";
 
 /** Where its service listens. */
 export const SERVICE = "ws://localhost:10001";
-/** Without a message for so long the handle is let go [ms]. */
-const SILENCE = 100;
+/** From one message to the next a handle goes and turns less [m], [rad]: at 1 kHz a fast hand makes 1 mm. */
+const [JUMP, TURN] = [0.05, 0.5];
 /** The largest force that is asked for [N]. */
 const STRONGEST = 5;
 
@@ -43,7 +44,7 @@ export class Haply {
   connect(address = SERVICE) {
     if (this.socket) return;
     this.socket = new WebSocket(address);
-    this.socket.addEventListener("message", ({ data }) => this.hear(JSON.parse(data), performance.now()));
+    this.socket.addEventListener("message", ({ data }) => this.read(data, performance.now()));
     this.socket.addEventListener("open", () => sessionStorage.setItem(REMEMBERED, ""));
     this.socket.addEventListener("close", () => {
       this.socket = null;
@@ -53,11 +54,22 @@ export class Haply {
     });
   }
 
+  /** A message as it came; of one that is odd nothing is followed. @param {string} text @param {number} at [ms] */
+  read(text, at) {
+    try {
+      this.hear(JSON.parse(text), at);
+    } catch (error) {
+      this.letGo();
+      this.page.said(`a message of the Haply's service is not understood: ${error instanceof Error ? error.message : error}`);
+    }
+  }
+
   /**
    * A message of the service: x to the right, y away from the user, z up.
    *
    * @param {{inverse3?: any[], wireless_verse_grip?: any[], verse_grip?: any[]}} message
    * @param {number} at [ms]
+   * @throws {TypeError | RangeError} if it has other fields, or numbers that are not finite
    */
   hear({ inverse3 = [], wireless_verse_grip, verse_grip = [] }, at) {
     const [device] = inverse3;
@@ -66,14 +78,19 @@ export class Haply {
     const { buttons = {}, orientation } = grip?.state ?? {};
     const place = array(device.state.cursor_position);
     const attitude = orientation ? array(orientation) : [0, 0, 0, 1];
-    const pressed = Object.values(buttons).some(Boolean) && place.every(Number.isFinite) && attitude.every(Number.isFinite);
     this.heard = at;
     this.silent = false;
     this.render(device);
-    const held = this.hand.grasp("haply", pressed);
+    if (![...place, ...attitude].every(Number.isFinite)) throw new RangeError("it has no place or attitude of the handle");
+    const held = this.hand.grasp("haply", Object.values(buttons).some(Boolean));
     if (held && this.before) {
       const [[x, y, z], from] = this.before;
-      this.hand.move([place[0] - x, z - place[2], place[1] - y, turnAbout([0, 1, 0], from, attitude)], at);
+      const turn = turnAbout([0, 1, 0], from, attitude);
+      if (Math.hypot(place[0] - x, place[1] - y, place[2] - z) > JUMP || Math.abs(turn) > TURN) {
+        this.letGo();
+        return this.page.said("the Haply's handle jumped: let go of its button and press it again");
+      }
+      this.hand.move([place[0] - x, z - place[2], place[1] - y, turn], at);
     }
     this.before = held ? [place, attitude] : null;
     this.page.changed();
@@ -97,8 +114,7 @@ export class Haply {
 
   letGo() {
     this.before = null;
-    this.hand.others.delete("haply");
-    this.hand.free.delete("haply"); // it has to be let go and pressed anew
+    this.hand.lose("haply");
     this.page.changed();
   }
 }

@@ -117,7 +117,7 @@ export class Link {
     hand.event = null;
     this.send({
       kind: "hand", number: this.number, grip: hand.grip, held: hand.held,
-      at: this.seconds(performance.now()), event, way: hand.way, felt: hand.felt,
+      at: this.seconds(performance.now()), event, way: hand.way, felt: hand.felt, devices: hand.devices,
     });
   }
 

@@ -141,7 +141,7 @@ const spot = (event) => [event.clientX, event.clientY];
 picture.addEventListener("pointerdown", (event) => {
   if (!page.steers || page.ended || (event.pointerType === "mouse" && event.button !== 0)) return;
   picture.setPointerCapture(event.pointerId);
-  hand.down(event.pointerId, spot(event));
+  hand.down(event.pointerId, spot(event), event.pointerType || "mouse");
   changed();
 });
 picture.addEventListener("pointermove", (event) => {

@@ -1,5 +1,7 @@
 // A space mouse, by WebHID: while one of its buttons is held, its cap moves the hand.
 
+import { IDLE, SILENCE } from "./hands.js";
+
 /** Who makes them: 3Dconnexion, and Logitech before. */
 const MAKERS = [{ vendorId: 0x256f }, { vendorId: 0x046d, usagePage: 1, usage: 8 }];
 /** What the cap says at its end. */
@@ -24,6 +26,8 @@ export class SpaceMouse {
     this.ways = [0, 0, 0]; // right, towards the user, down: as the cap says
     this.turns = [0, 0, 0]; // about them
     this.pressed = false;
+    /** When the cap has said where it is [ms]. */
+    this.heard = -Infinity;
   }
 
   /** Go on with one that was allowed before. @param {Hid} hid */
@@ -41,16 +45,17 @@ export class SpaceMouse {
   async listen(device) {
     if (device.opened) return;
     await device.open();
-    device.addEventListener("inputreport", (event) => this.hear(/** @type {Event & Report} */ (event)));
+    device.addEventListener("inputreport", (event) => this.hear(/** @type {Event & Report} */ (event), performance.now()));
   }
 
-  /** @param {Report} report */
-  hear({ reportId, data }) {
+  /** @param {Report} report @param {number} at [ms] */
+  hear({ reportId, data }, at) {
     /** @param {number} from */
     const three = (from) => [0, 2, 4].map((i) => data.getInt16(from + i, true) / FULL);
     if (reportId === WAYS && data.byteLength >= 6) this.ways = three(0);
     if (reportId === WAYS && data.byteLength >= 12) this.turns = three(6);
     if (reportId === TURNS && data.byteLength >= 6) this.turns = three(0);
+    if (reportId === WAYS || reportId === TURNS) this.heard = at;
     if (reportId !== BUTTONS) return;
     this.pressed = new Uint8Array(data.buffer, data.byteOffset, data.byteLength).some(Boolean);
     this.hand.grasp("space mouse", this.pressed);
@@ -69,6 +74,15 @@ export class SpaceMouse {
   tick(passed, at) {
     if (!this.hand.grasp("space mouse", this.pressed)) return;
     const [[right, back, down], [, about]] = [this.ways, this.turns];
-    this.hand.push([right, down, -back, -about].map((x) => Math.max(-1, Math.min(1, x))), passed, at);
+    const pushed = [right, down, -back, -about].map((x) => Math.max(-1, Math.min(1, x)));
+    if (at - this.heard > SILENCE && pushed.some((x) => Math.abs(x) >= IDLE)) return this.lost();
+    this.hand.push(pushed, passed, at);
+  }
+
+  /** Its cap was pushed, and then nothing came: it may be out of reach. A cap at rest sends nothing either. */
+  lost() {
+    this.ways = this.turns = [0, 0, 0];
+    this.hand.lose("space mouse");
+    this.changed();
   }
 }
