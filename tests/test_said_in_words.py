@@ -129,3 +129,19 @@ def test_loopback_says_what_arms_it_takes(
     said = " ".join(capsys.readouterr().err.split())
     assert "or an arm's file, my_robot.toml" in said
     assert "--flange" not in said
+
+
+def test_trial_says_how_a_urdf_becomes_an_arms_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command it names is one that works."""
+    monkeypatch.chdir(tmp_path)
+    Path("r.urdf").write_text(urdf())
+    for arm in ("r.urdf", "r.urdf:l7"):
+        with pytest.raises(SystemExit) as end:
+            main(["trial", "-a", arm, "--no-open"])
+        assert end.value.code == 1
+    command = " ".join(capsys.readouterr().err.split()).rpartition("to write one: rcmqp ")[2]
+    with pytest.raises(SystemExit):
+        main(command.split())
+    assert load_arm("my_robot.toml").joints == load_arm("r.urdf", flange="l7").joints

@@ -84,6 +84,14 @@ def names_its_flange(name: str) -> bool:
     return name in arm_names() or name.lower().endswith(ARM_FILE)
 
 
+def new_arm(urdf: str) -> str:
+    """The command that writes an arm's file for a URDF, with the flange to be filled in."""
+    file, _, frame = urdf.rpartition(":")
+    if not file.lower().endswith(URDF_ENDINGS):
+        file, frame = urdf, "FRAME"
+    return f"rcmqp new arm my_robot --set urdf={file} --set flange.frame={frame}"
+
+
 def load_arm(
     name: str | os.PathLike[str],
     flange: str | None = None,
@@ -264,7 +272,7 @@ def _load_urdf(
         raise ArmError(
             f"{path}: say which frame carries the instrument: flange=..., "
             f"or --flange on the command line (the last ones are {', '.join(links[-4:])}), or "
-            "write an arm's file"
+            f"write an arm's file: {new_arm(str(path))}"
         )
     return built(
         urdf,
