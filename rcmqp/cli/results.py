@@ -208,8 +208,8 @@ def _summary(metrics: Metrics, unit: str) -> Sequence[str]:
         f"jerk / limit          {_limited('jerk_ratio_max', metrics, ' at most')}",
         f"margin to limits      {_limited('limit_margin_min_rad', metrics, f' {unit} at least')}",
         f"singular value        {metrics.singular_value_min:.4f} at least",
-        f"joints turn round     in {metrics.reversals_in_a_row:.0f} cycles in a row at most, in "
-        f"{metrics.reversals:.0f} in all",
+        f"joint reversals       {metrics.reversals:.0f}, in at most "
+        f"{metrics.reversals_in_a_row:.0f} cycles in a row",
         f"step of a speed       {readable(metrics.step_ratio_max, '.4f')} of its limit at most",
         *_after_the_stop(metrics),
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "

@@ -143,7 +143,7 @@ BEHIND = 0.01
 """Share of the time above which an arm behind the clock is remarked on."""
 
 NOT_TIMED = {"late_share": np.nan, "behind_s": np.nan}
-"""Of a run that no clock drove."""
+"""Of a run without a real-time loop."""
 
 
 @dataclass(frozen=True, slots=True)
