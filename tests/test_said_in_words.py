@@ -20,7 +20,7 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.cli import main
-from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.errors import ArmError, InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.realtime.checks import as_reading
 from rcmqp.references.paths import Circle, HandTrace
@@ -145,3 +145,15 @@ def test_trial_says_how_a_urdf_becomes_an_arms_file(
     with pytest.raises(SystemExit):
         main(command.split())
     assert load_arm("my_robot.toml").joints == load_arm("r.urdf", flange="l7").joints
+
+
+def test_a_home_takes_the_place_of_an_arms_own(tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text('like = "lwa3"\n')
+    home = load_arm("lwa3").home + 0.1
+    for name in ("lwa3", tmp_path / "r.toml"):
+        arm = load_arm(name, home=home)
+        assert_allclose(arm.home, home, rtol=0.0, atol=0.0)
+        by_name = load_arm(name, home=dict(zip(arm.joints, home.tolist(), strict=True)))
+        assert_allclose(by_name.home, home, rtol=0.0, atol=0.0)
+    with pytest.raises(ArmError, match="home"):
+        load_arm("lwa3", home=[0.0, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0])
