@@ -137,9 +137,26 @@ class HierarchicalQP(Controller):
                     raise OptionError(f"{item!r} is no {wanted}; levels are tasks, limits limits")
         _ = self._stack  # made now, so that what is wrong is told now
 
+    def default_levels(self) -> Sequence[LevelOfTasks]:
+        """The levels unless ``levels`` gives others; a law of one's own may return its own."""
+        insertion, gain = self.insertion, self.gain
+        wrist = insertion.arm.wrist
+        tool = (
+            RcmTask(gain=gain, period=self.period),
+            TipTask.made_for(insertion, gain=gain),
+            RollTask(gain=gain)
+            if wrist is None
+            else OrientationTask.made_for(insertion, gain=gain),
+        )
+        if self.K_c == 0.0:
+            return tool
+        options = {"objective": self.objective} if self.objective else {}
+        own = ObjectiveTask.made_for(insertion, c_d=self.c_d, K_c=self.K_c, **options)
+        return (*tool, own)
+
     @functools.cached_property
     def _stack(self) -> Stack:
-        levels = _levels(self) if self.levels is None else self.levels
+        levels = self.default_levels() if self.levels is None else self.levels
         limits = self.limits
         if limits is None:
             limits = default_limits(self.insertion, self.period, self.limit_gain)
@@ -175,7 +192,8 @@ class HierarchicalQP(Controller):
         """The limits are those of its JointLimits; levels of one's own may be anything else."""
         boxes = [limit for limit in self._stack.limits if isinstance(limit, JointLimits)]
         count = max((4 if box.acceleration else 2 for box in boxes), default=0)
-        own = self.levels is not None
+        usual = type(self).default_levels is HierarchicalQP.default_levels
+        own = self.levels is not None or not usual
         return dataclasses.replace(
             super().given,
             limits=JOINT_LIMITS[:count],
@@ -228,18 +246,3 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
         TrocarDepth(insertion.trocar, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )
-
-
-def _levels(controller: HierarchicalQP) -> tuple[LevelOfTasks, ...]:
-    insertion, gain = controller.insertion, controller.gain
-    wrist = insertion.arm.wrist
-    tool = (
-        RcmTask(gain=gain, period=controller.period),
-        TipTask.made_for(insertion, gain=gain),
-        RollTask(gain=gain) if wrist is None else OrientationTask.made_for(insertion, gain=gain),
-    )
-    if controller.K_c == 0.0:
-        return tool
-    options = {"objective": controller.objective} if controller.objective else {}
-    own = ObjectiveTask.made_for(insertion, c_d=controller.c_d, K_c=controller.K_c, **options)
-    return (*tool, own)
