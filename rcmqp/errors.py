@@ -94,9 +94,10 @@ class FrameNotFound(ArmError):
 
     def __init__(self, name: str, frames: Iterable[str]) -> None:
         self.name, self.frames = name, list(frames)
-        close = difflib.get_close_matches(name, self.frames, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(close)}?" if close else f"it has {_some(self.frames)}"
-        super().__init__(f"no frame {name!r:.80} in the model; {hint}")
+        close = difflib.get_close_matches(name, self.frames, n=3)
+        hint = f"did you mean {' or '.join(close)}? " if close else ""
+        last = ", ".join(self.frames[-4:])
+        super().__init__(f"no frame {name!r:.80} in the model; {hint}(the last ones are {last})")
 
 
 class JointLimitViolated(RcmqpError):

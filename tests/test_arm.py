@@ -345,8 +345,10 @@ def test_reach_bounds_every_configuration_and_is_found_with_bounded_effort(
 
 def test_arm_refuses_what_does_not_fit_its_model(lwa3: Arm) -> None:
     model = lwa3.model
-    with pytest.raises(FrameNotFound, match=r"no frame 'flang' .*did you mean flange"):
+    with pytest.raises(FrameNotFound, match=r"'flang' .*did you mean flange\? \(the last"):
         Arm(model, "flang", name="x")
+    with pytest.raises(FrameNotFound, match=r"model; \(the last ones are .*flange\)"):
+        Arm(model, "tool0", name="x")
     for key in ("home", "acceleration", "srs_offsets"):
         options: dict[str, Any] = {key: [0.0] * 6}
         with pytest.raises(OptionError, match=rf"{key} has shape \(6,\), the arm has 7 joints"):

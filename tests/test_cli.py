@@ -226,6 +226,12 @@ def test_tables_name_every_entry(call: Call, command: str) -> None:
         assert (entry["name"] if command == "arms" else entry) in table
 
 
+def test_no_two_controllers_are_described_alike(call: Call) -> None:
+    table = call("controllers")[1]
+    assert "task_priority, with the tip's task" in table
+    assert table.count("The law that the paper improves upon") == 1
+
+
 def test_one_arm_and_one_controller_are_explained(call: Call) -> None:
     _, out, _ = call("arms", "kinova")
     assert "j2s6s200_joint_1" in out

@@ -191,7 +191,11 @@ def test_a_broken_limit_is_said_on_stderr(call: Call) -> None:
     assert re.search(r"warning: \w+ at 0\.\d+ s was asked for \S+ times", call(*SHORT, *hasty)[2])
     found = call(*SHORT, *hasty, "--set", "velocity_limit=scale")[2]
     assert "speed limit" not in found
-    assert re.search(r"warning: the joints were asked for up to 2\d.\d times their acc", found)
+    assert re.search(r"warning: \w+ at 0\.000 s was asked for 2\d.\d times its acc", found)
+    assert "the start of the objective, which dual_quaternion begins at full gain" in found
+    found = call("run", "trocar_off_shaft", "--duration", "0.1")[2]
+    assert re.search(r"at 0\.000 s was asked for \d+ times its acceleration", found)
+    assert "the start of the objective" not in found  # it hurries to the trocar
 
 
 def test_a_limit_reached_to_rounding_is_no_warning() -> None:

@@ -292,6 +292,7 @@ def test_a_law_that_says_nothing_was_given_nothing_that_is_known() -> None:
         "feed-forward: not said, roll controlled: not said, joint limits enforced: not said"
         in table.title
     )
+    assert "K: not said" in table.title
 
 
 def test_one_controller_on_several_arms_is_one_table_and_several_have_one_for_each_arm() -> None:

@@ -14,6 +14,7 @@ from rcmqp import Insertion, Instrument, Run, load_arm, load_scenario, make_cont
 from rcmqp.controllers import CONTROLLERS, Command, Controller, HierarchicalQP
 from rcmqp.controllers.given import JOINT_LIMITS, UNKNOWN, Given
 from rcmqp.controllers.settings import controller_of, every_setting
+from rcmqp.controllers.stack import LevelOfTasks
 from rcmqp.limits import JointLimits
 from rcmqp.references.view import Reference, ViewCommand, view_pose
 from rcmqp.runs.metrics import ROUNDING
@@ -88,8 +89,15 @@ def test_a_hierarchy_of_ones_own_says_what_its_limits_and_levels_are(insertion: 
     ):
         given = HierarchicalQP(insertion, T, limits=limits).given
         assert (given.limits_text, given.gain_text) == (text, "60")
-    given = HierarchicalQP(insertion, T, levels=[RcmTask(gain=5.0)]).given
-    assert (given.limits_text, given.gain_text) == ("all", "not said")
+
+    class OnlyRcm(HierarchicalQP):
+        def default_levels(self) -> list[LevelOfTasks]:
+            return [RcmTask(gain=5.0)]
+
+    for law in (HierarchicalQP(insertion, T, levels=[RcmTask(gain=5.0)]), OnlyRcm(insertion, T)):
+        assert (law.given.limits_text, law.given.gain_text) == ("all", "not said")
+        assert "rcm_residual" in law.diagnostics
+        assert "tip_residual" not in law.diagnostics
 
 
 def test_a_law_of_ones_own_that_says_nothing_is_said_to_say_nothing(insertion: Insertion) -> None:

@@ -26,8 +26,11 @@ from at_the_console import (
     until,
 )
 from served import served
+from test_urdf import urdf
 
+from rcmqp import Scenario
 from rcmqp.cli import main
+from rcmqp.live.console import LiveReport
 from rcmqp.live.steering import RELEASED
 from rcmqp.show.viewer.browser import PATIENCE, browser
 from rcmqp.show.viewer.build import write_page
@@ -229,3 +232,22 @@ def test_what_the_loop_cannot_begin_with_is_said(
     text = capsys.readouterr().err
     assert text.startswith("error: the loop cannot begin")
     assert said in text
+
+
+def test_a_urdf_goes_with_its_flange_and_limits(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begun: list[Scenario] = []
+
+    def run_live(scenario: Scenario, *_: object, **__: object) -> LiveReport:
+        begun.append(scenario)
+        return LiveReport("", "")
+
+    monkeypatch.setattr("rcmqp.live.console.run_live", run_live)
+    (tmp_path / "r.urdf").write_text(urdf())
+    given = ["--flange", "l7", "--acceleration", "8", "--jerk", "400"]
+    with pytest.raises(SystemExit) as ended:
+        main(["live", "--no-open", "--arm", str(tmp_path / "r.urdf"), *given])
+    assert ended.value.code == 0
+    arm = begun[0].insertion().arm
+    assert (arm.flange, set(arm.acceleration), set(arm.jerk)) == ("l7", {8.0}, {400.0})

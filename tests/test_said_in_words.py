@@ -20,7 +20,7 @@ from rcmqp import (
     view_pose,
 )
 from rcmqp.cli import main
-from rcmqp.errors import InvalidCommand, OptionError
+from rcmqp.errors import ArmError, InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.realtime.checks import as_reading
 from rcmqp.references.paths import Circle, HandTrace
@@ -129,3 +129,31 @@ def test_loopback_says_what_arms_it_takes(
     said = " ".join(capsys.readouterr().err.split())
     assert "or an arm's file, my_robot.toml" in said
     assert "--flange" not in said
+
+
+def test_trial_says_how_a_urdf_becomes_an_arms_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command it names is one that works."""
+    monkeypatch.chdir(tmp_path)
+    Path("r.urdf").write_text(urdf())
+    for arm in ("r.urdf", "r.urdf:l7"):
+        with pytest.raises(SystemExit) as end:
+            main(["trial", "-a", arm, "--no-open"])
+        assert end.value.code == 1
+    command = " ".join(capsys.readouterr().err.split()).rpartition("to write one: rcmqp ")[2]
+    with pytest.raises(SystemExit):
+        main(command.split())
+    assert load_arm("my_robot.toml").joints == load_arm("r.urdf", flange="l7").joints
+
+
+def test_a_home_takes_the_place_of_an_arms_own(tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text('like = "lwa3"\n')
+    home = load_arm("lwa3").home + 0.1
+    for name in ("lwa3", tmp_path / "r.toml"):
+        arm = load_arm(name, home=home)
+        assert_allclose(arm.home, home, rtol=0.0, atol=0.0)
+        by_name = load_arm(name, home=dict(zip(arm.joints, home.tolist(), strict=True)))
+        assert_allclose(by_name.home, home, rtol=0.0, atol=0.0)
+    with pytest.raises(ArmError, match="home"):
+        load_arm("lwa3", home=[0.0, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0])

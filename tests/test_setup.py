@@ -104,7 +104,7 @@ def test_a_run_says_its_objective_and_that_a_law_does_not_count_a_limit(
     out, err = capsys.readouterr()
     assert "joint limits enforced: none" in out
     assert "set up with: objective: joint_centring" in out
-    assert "jerk limits: dual_quaternion does not count jerk limits" in " ".join(err.split())
+    assert "jerk limit: dual_quaternion does not count jerk limits" in " ".join(err.split())
 
 
 def test_the_table_says_below_it_why_its_rows_differ(tmp_path: Path) -> None:
@@ -113,10 +113,14 @@ def test_the_table_says_below_it_why_its_rows_differ(tmp_path: Path) -> None:
     rows = compare(todo, tmp_path)
     found = remarks(rows)
     assert found[:3] == [FEED_FORWARD, ROLL, LIMITS]
-    assert [text.partition(":")[0] for text in found[3:]] == ["vfi_qp", "weighted_qp"]
+    assert [text.partition(":")[0] for text in found[3:]] == [
+        "dual_quaternion",
+        "vfi_qp",
+        "weighted_qp",
+    ]
     text = (tmp_path / "comparison.md").read_text(encoding="utf-8")
     latex = (tmp_path / "comparison.tex").read_text(encoding="utf-8")
     assert all(text.count(note.partition(" (")[0][:60]) == 1 for note in found)
     assert latex.count(r"\par\footnotesize") == len(found)
-    assert remarks(rows[2:3]) == [found[4]]  # one law of limits of all kinds: its own remark
-    assert remarks([dataclasses.replace(rows[0], limits_kept=False)]) == [LIMITS]
+    assert remarks(rows[2:3]) == [found[5]]  # one law of limits of all kinds: its own remark
+    assert remarks([dataclasses.replace(rows[0], limits_kept=False)]) == [LIMITS, found[3]]

@@ -77,12 +77,14 @@ def controllers(
         out.print(inspect.getdoc(CONTROLLERS[names[0]]), markup=False, highlight=False)
     else:
         rows = []
-        for each in names:
+        modules = [inspect.getmodule(CONTROLLERS[each]) for each in names]
+        for each, module in zip(names, modules, strict=True):
+            about = module if modules.count(module) == 1 else CONTROLLERS[each]
             options = ", ".join(
                 f"{option}={_text(default)}"
                 for option, default in controller_options(each).items()
             )
-            rows.append((each, _first_line(inspect.getmodule(CONTROLLERS[each])), options))
+            rows.append((each, _first_line(about), options))
         out.print(Table(("name", "what it is", "options"), rows, words=3))
         out.print("rcmqp controllers NAME explains one.", style="dim")
 

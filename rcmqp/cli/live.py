@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from rcmqp.cli import options as ask
 from rcmqp.cli.console import err, out
 from rcmqp.cli.opening import opening
-from rcmqp.cli.options import InstrumentOption, instrument_of
 from rcmqp.controllers.settings import options_of
 from rcmqp.errors import ToolMissing
 from rcmqp.live import LOCAL
@@ -23,12 +23,20 @@ def live(
     ] = "camera_task",
     arm: Annotated[
         str | None,
-        typer.Option("--arm", "-a", help="Name (see rcmqp arms); the scenario's without it."),
+        typer.Option(
+            "--arm",
+            "-a",
+            help="Name (see rcmqp arms), or the path of an arm's .toml or of a URDF; the "
+            "scenario's without it.",
+        ),
     ] = None,
     controller: Annotated[
         str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
     ] = "hierarchical_qp",
-    instrument: InstrumentOption = None,
+    flange: ask.FlangeOption = None,
+    acceleration: ask.AccelerationOption = None,
+    jerk: ask.JerkOption = None,
+    instrument: ask.InstrumentOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="An option of the controller."),
@@ -58,6 +66,8 @@ def live(
 
       rcmqp live camera_task --arm panda --out session.h5, and then rcmqp view session.h5
 
+      rcmqp live --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
+
     The arm moves only while you hold on. Ctrl-C ends the session, with the arm at rest, and
     prints what was counted. Ends with exit code 1 where the loop stopped by itself.
     """
@@ -68,7 +78,8 @@ def live(
             raise
         raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
     options = options_of(controller, settings or [])
-    chosen = load_scenario(scenario, arm, **instrument_of(instrument))
+    given = ask.limits_of(acceleration, jerk).given() | ask.instrument_of(instrument)
+    chosen = load_scenario(scenario, arm, flange=flange, **given)
     if host not in LOCAL:
         err.print(
             f"[bold yellow]warning:[/] {escape(host)} can be reached from other machines, and "

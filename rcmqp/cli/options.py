@@ -40,7 +40,7 @@ AccelerationOption = Annotated[
     typer.Option(
         metavar="NUMBER[,NUMBER...]",
         help="Acceleration limits in rad/s^2 in place of the arm's own: one for all joints, or "
-        "one for each; inf for none.",
+        "one for each; inf for none, in simulation only.",
     ),
 ]
 JerkOption = Annotated[
@@ -48,7 +48,7 @@ JerkOption = Annotated[
     typer.Option(
         metavar="NUMBER[,NUMBER...]",
         help="Jerk limits in rad/s^3 in place of the arm's own: one for all joints, or one for "
-        "each; inf for none.",
+        "each; inf for none, in simulation only.",
     ),
 ]
 Trocar = Annotated[

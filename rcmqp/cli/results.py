@@ -15,7 +15,7 @@ from rcmqp.cli.console import err, out, print_json, print_tables, say
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.head import Head
 from rcmqp.runs.measures import readable
-from rcmqp.runs.metrics import BEHIND, ROUNDING, Metrics, compute_metrics
+from rcmqp.runs.metrics import BEHIND, ROUNDING, ChangeRatios, Metrics, compute_metrics
 from rcmqp.runs.moved import recording_remarks
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import Recording
@@ -34,6 +34,14 @@ OBSTACLE_WARNING_MM = 0.01
 
 REVERSALS_WARNING = 2
 """Cycles in a row in which a joint may turn round before it is remarked on."""
+
+
+FIRST_CYCLES = 2
+"""Cycles in which a jump of speed at the start shows: in the first, and its end in the second."""
+
+
+START_ERROR_M = 1e-6
+"""Error at the start above which it may be what the joints hurry to undo."""
 
 
 _ERRORS = (
@@ -84,18 +92,21 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
         )
     if metrics.speed_ratio_max > 1.0 + ROUNDING:
-        _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
+        _, _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
         ratio, more = metrics.speed_ratio_max, _uncounted(head, "speed")
         texts.append(f"{where} was asked for {ratio:.3g} times its speed limit{more}")
     for kind in ("acceleration", "jerk"):
         if (ratio := getattr(metrics, f"{kind}_ratio_max")) > 1.0 + ROUNDING:
             assumed = "assumed " if kind in head.assumed else ""
+            changes = ChangeRatios()
+            _, row, where = _where(run, lambda part: changes.of(part)[kind])  # noqa: B023
             texts.append(
-                f"the joints were asked for up to {ratio:.3g} times their {assumed}{kind} limits"
+                f"{where} was asked for {ratio:.3g} times its {assumed}{kind} limit"
                 + _uncounted(head, kind)
+                + (_start_of_objective(run) if row < FIRST_CYCLES else "")
             )
     if metrics.limit_margin_min_rad < -ROUNDING:
-        joint, where = _where(
+        joint, _, where = _where(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
         )
         texts.append(
@@ -142,6 +153,18 @@ def _uncounted(head: Head, limit: str) -> str:
     return "" if known else f": {head.controller} does not count {limit} limits"
 
 
+def _start_of_objective(run: Recording) -> str:
+    """Say that the null-space objective begins with a jump; empty if something else may do so."""
+    head = run.head
+    redundant = len(head.joints) > 6 and head.options.get("K_c")
+    if not redundant or not run.column("effector_error")[0:1] < START_ERROR_M:
+        return ""
+    return (
+        f"; the start of the objective, which {head.controller} begins at full gain: try "
+        "--set K_c=0, or -c hierarchical_qp, which keeps the limits"
+    )
+
+
 def _away_from_limits(head: Head) -> str:
     """Return what to do about joints at their limits, by options that the controller has."""
     tries = []
@@ -185,8 +208,8 @@ def _summary(metrics: Metrics, unit: str) -> Sequence[str]:
         f"jerk / limit          {_limited('jerk_ratio_max', metrics, ' at most')}",
         f"margin to limits      {_limited('limit_margin_min_rad', metrics, f' {unit} at least')}",
         f"singular value        {metrics.singular_value_min:.4f} at least",
-        f"joints turn round     in {metrics.reversals_in_a_row:.0f} cycles in a row at most, in "
-        f"{metrics.reversals:.0f} in all",
+        f"joint reversals       {metrics.reversals:.0f}, in at most "
+        f"{metrics.reversals_in_a_row:.0f} cycles in a row",
         f"step of a speed       {readable(metrics.step_ratio_max, '.4f')} of its limit at most",
         *_after_the_stop(metrics),
         f"controller step       {metrics.solve_time_median_us:.0f} us median, "
@@ -256,16 +279,17 @@ def _after_the_stop(metrics: Metrics) -> list[str]:
     return lines
 
 
-def _where(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, str]:
-    """Index of the joint with the largest excess (n, nv), and its name and time as text."""
-    worst, joint, where = -math.inf, 0, ""
+def _where(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, int, str]:
+    """Indices of joint and cycle with the largest excess (n, nv), and their names as text."""
+    worst, joint, cycle, where, before = -math.inf, 0, 0, "", 0
     for part in run.parts():
         excess = excess_of(part)
         row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
         if excess[row, column] > worst:
-            worst, joint = excess[row, column], int(column)
+            worst, joint, cycle = excess[row, column], int(column), before + int(row)
             where = f"{part.joints[column]} at {part.time[row]:.3f} s"
-    return joint, where
+        before += len(part.time)
+    return joint, cycle, where
 
 
 def _limited(name: str, metrics: Metrics, more: str) -> str:

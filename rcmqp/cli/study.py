@@ -52,7 +52,12 @@ def study(
     seed: Seed = 0,
     arm: Annotated[
         list[str] | None,
-        typer.Option("--arm", "-a", help="Name; may be repeated; the scenario's own without it."),
+        typer.Option(
+            "--arm",
+            "-a",
+            help="Name, or the path of an arm's .toml or of a URDF; may be repeated; the "
+            "scenario's own without it.",
+        ),
     ] = None,
     controller: Annotated[
         list[str] | None,

@@ -31,7 +31,12 @@ def trial(
         typer.Option("--id", help="Who comes, such as P07, no name; the next free one without."),
     ] = None,
     arm: Annotated[
-        str | None, typer.Option("--arm", "-a", help="Name; the scenario's own without it.")
+        str | None,
+        typer.Option(
+            "--arm",
+            "-a",
+            help="Name, or the path of an arm's .toml; the scenario's own without it.",
+        ),
     ] = None,
     controller: Annotated[
         list[str] | None,
@@ -153,7 +158,13 @@ def _design(
     from rcmqp.experiments.trial.design import Design, scenario_sha256
     from rcmqp.experiments.trial.task import read_task, scenarios_task
     from rcmqp.runs.loading import load_scenario
+    from rcmqp.world.loading import arm_names, names_its_flange, new_arm
 
+    if arm and not names_its_flange(arm):
+        raise OptionError(
+            f"--arm {arm}: give a name, one of {', '.join(arm_names())}, or an arm's .toml, which "
+            f"says which frame of a URDF carries the instrument; to write one: {new_arm(arm)}"
+        )
     scenario = scenario or "camera_task"
     laws, own_laws = _laws(controllers or ["hierarchical_qp"], periods or [])
     if task is None:

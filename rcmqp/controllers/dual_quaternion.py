@@ -98,6 +98,10 @@ class DualQuaternion(Controller):
     name: ClassVar[str] = "dual_quaternion"
     enforces: ClassVar[tuple[str, ...] | None] = ()
     holds_roll: ClassVar[bool | None] = True
+    remark: ClassVar[str] = (
+        "the objective of the redundant joints starts at full gain in the first cycle. On a slow "
+        "path from rest this is its largest acceleration and jerk; K_c=0 leaves it out."
+    )
     diagnostics: ClassVar[Mapping[str, tuple[str, str]]] = {
         "objective": ("1", "value of the objective c(theta)"),
         "sigma_6_of_N": ("m, rad", "sixth singular value of N: about half of singular_value"),

@@ -79,36 +79,10 @@ class HierarchicalQP(Controller):
     The limits, unless ``limits`` gives others: JointLimits (position, speed, acceleration, jerk,
     braking distance counted), TrocarCone, TrocarDepth, KeepOut for each obstacle.
 
-    What is strict, and what is damped:
-
-    - The joints' limits always hold.
-    - The RCM is strict: wherever it can be reached, it is reached, and no level below changes it.
-      Where it cannot, it is served with a damping that grows from zero with what is missing.
-    - The trocar's cone and depth and the obstacles are hard rows, with one exception: where the
-      first level is the RCM, and only these rows keep it from its goal (a shaft too fast to be
-      stopped in time, say), the RCM comes first, because tissue gives way at the cone's edge
-      before it does at the incision. Rows that cannot all hold are exceeded as little as possible,
-      weighed against joint speed, and the command says by how much.
-    - Every level below the RCM weighs joint speed against what it buys: the tip 10 mm/s against
-      1 rad/s, the roll 30 mrad/s (Task.damping; 0 makes a level strict, and the arm restless).
-      This damping vanishes where the Jacobian's singular values are above it: the tip of an
-      ordinary run loses less than 0.001 mm. It takes over where a level is near a singularity, or
-      blocked by a bound, and there keeps v from jumping with the state, the reference and the
-      bounds. It is larger where bounds keep the level from its goal, by how much of it is missing:
-      joints with limits of acceleration and jerk could not turn round as fast as the best v does
-      near a view that is out of reach. Without it the optimum jumps from vertex to vertex, and the
-      arm never comes to rest.
-      With the default levels v is continuous in all of these while the RCM is reached and no hard
-      row is in the way; its slope in the angles, measured on lines through singular and blocked
-      states of four arms, is at most 1e5 rad/s per rad on 478 of 480, and 8e5 where two joints are
-      left to the RCM alone. Where hard rows first keep the RCM from its goal, or the box does, v
-      may jump, within the joints' limits of acceleration and jerk.
-    - A lower level is held to what a damped one has reached, except in directions in which that
-      one gains less than 0.03 mm/s, or 0.1 mrad/s, at 1 rad/s.
-    - A strict level below damped ones, as the objective, gives way where these are not served: it
-      asks for half as much where 0.03 mm/s of the tip or 0.1 mrad/s of the roll are missing, and
-      for nearly nothing where a view is out of reach. An objective that pushes on there drives
-      joints to and fro over singularities that hold the tip.
+    The joints' limits always hold. The RCM is strict where it can be reached. The levels below it
+    weigh joint speed against what it buys (Task.damping), so that v does not jump and the arm
+    comes to rest. The table in docs/explanation/levels.md says what is strict, what is damped, and
+    what the exceptions are.
 
     ``exact`` is 1 where every level is proved to be the optimum of that problem, with its damping,
     to rounding; see Hierarchy for the proof.
@@ -163,9 +137,26 @@ class HierarchicalQP(Controller):
                     raise OptionError(f"{item!r} is no {wanted}; levels are tasks, limits limits")
         _ = self._stack  # made now, so that what is wrong is told now
 
+    def default_levels(self) -> Sequence[LevelOfTasks]:
+        """The levels unless ``levels`` gives others; a law of one's own may return its own."""
+        insertion, gain = self.insertion, self.gain
+        wrist = insertion.arm.wrist
+        tool = (
+            RcmTask(gain=gain, period=self.period),
+            TipTask.made_for(insertion, gain=gain),
+            RollTask(gain=gain)
+            if wrist is None
+            else OrientationTask.made_for(insertion, gain=gain),
+        )
+        if self.K_c == 0.0:
+            return tool
+        options = {"objective": self.objective} if self.objective else {}
+        own = ObjectiveTask.made_for(insertion, c_d=self.c_d, K_c=self.K_c, **options)
+        return (*tool, own)
+
     @functools.cached_property
     def _stack(self) -> Stack:
-        levels = _levels(self) if self.levels is None else self.levels
+        levels = self.default_levels() if self.levels is None else self.levels
         limits = self.limits
         if limits is None:
             limits = default_limits(self.insertion, self.period, self.limit_gain)
@@ -201,7 +192,8 @@ class HierarchicalQP(Controller):
         """The limits are those of its JointLimits; levels of one's own may be anything else."""
         boxes = [limit for limit in self._stack.limits if isinstance(limit, JointLimits)]
         count = max((4 if box.acceleration else 2 for box in boxes), default=0)
-        own = self.levels is not None
+        usual = type(self).default_levels is HierarchicalQP.default_levels
+        own = self.levels is not None or not usual
         return dataclasses.replace(
             super().given,
             limits=JOINT_LIMITS[:count],
@@ -254,18 +246,3 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
         TrocarDepth(insertion.trocar, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )
-
-
-def _levels(controller: HierarchicalQP) -> tuple[LevelOfTasks, ...]:
-    insertion, gain = controller.insertion, controller.gain
-    wrist = insertion.arm.wrist
-    tool = (
-        RcmTask(gain=gain, period=controller.period),
-        TipTask.made_for(insertion, gain=gain),
-        RollTask(gain=gain) if wrist is None else OrientationTask.made_for(insertion, gain=gain),
-    )
-    if controller.K_c == 0.0:
-        return tool
-    options = {"objective": controller.objective} if controller.objective else {}
-    own = ObjectiveTask.made_for(insertion, c_d=controller.c_d, K_c=controller.K_c, **options)
-    return (*tool, own)

@@ -19,7 +19,7 @@ from rcmqp.world.arm import ArmState
 
 @dataclass(frozen=True, eq=False)
 class PoseError(Controller):
-    """The whole pose by the difference of two dual quaternions.
+    """The law that the paper improves upon: the difference of two dual quaternions (Pham 2010).
 
     H.-L. Pham, V. Perdereau, B. V. Adorno and P. Fraisse, "Position and orientation control of
     robot manipulators using dual quaternion feedback", IROS 2010, pp. 658-663; equation (2) of
@@ -68,7 +68,7 @@ class PoseError(Controller):
 
 @dataclass(frozen=True, eq=False)
 class Damped(Controller):
-    """The dual-quaternion error (3) by damped least squares, always on.
+    """The paper's error (3) by damped least squares, always on (Chiaverini 1997).
 
     S. Chiaverini, "Singularity-robust task-priority redundancy resolution for real-time
     kinematic control of robot manipulators", IEEE Trans. Robotics and Automation 13(3), 1997,

@@ -126,7 +126,7 @@ def manipulability(J: Array, dJ: Array) -> tuple[float, Array]:
 
 @dataclass(frozen=True, eq=False)
 class TaskPriority(Controller):
-    """RCM Jacobian at the first priority, the tip in its nullspace.
+    """The RCM first, the tip in its nullspace: Azimian, Patel and Naish 2010.
 
     H. Azimian, R. V. Patel and M. D. Naish, "On constrained manipulation in robotics-assisted
     minimally invasive surgery", BioRob 2010, pp. 650-655. The shaft's point at the trocar must
@@ -233,7 +233,7 @@ class TaskPriority(Controller):
 
 @dataclass(frozen=True, eq=False)
 class TaskReconstructionLaw(TaskPriority):
-    """TaskPriority with the tip's task reconstructed near singularities (Kim et al. 2004).
+    """task_priority, with the tip's task reconstructed near singularities (Kim et al. 2004).
 
     Below ``reconstruct_from`` times the manipulability at the insertion's start, what leads the
     tip further into a singularity is taken out of its task, see

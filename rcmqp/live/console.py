@@ -141,8 +141,8 @@ def _report(console: Console, ended: dict[str, Any]) -> LiveReport:
         "state to picture": quantiles(console.drawn.latency()),
     }
     rows = [
-        (name, *(f"{1e3 * value:.1f} ms" for value in values[:3]), str(values[3]))
-        for name, values in latencies.items()
+        (name, *(f"{1e3 * each:.1f} ms" if count else "-" for each in shares), str(count))
+        for name, (*shares, count) in latencies.items()
     ]
     tables = [
         ended["report"],

@@ -53,22 +53,29 @@ class Extent:
         return math.sqrt(self.mean_square)
 
 
-class JerkRatio:
-    """Computes the jerk ratio of a run's parts; sizes of parts do not change a bit of it."""
+class ChangeRatios:
+    """Compares the changes of joint speed in a run's parts with the joints' limits.
+
+    Sizes of parts do not change a bit of the ratios.
+    """
 
     def __init__(self) -> None:
         self._last: Array | None = None
 
-    def of(self, part: Run) -> Array:
-        """|v_k - 2 v_{k-1} + v_{k-2}| / (T^2 jerk limit) of the worst joint in each cycle (n,).
+    def of(self, part: Run) -> dict[str, Array]:
+        """Acceleration and jerk over their limits, each (n, nv), of the run's next part.
 
-        v is zero before the run.
+        The acceleration is (v_k - v_{k-1}) / T, the jerk (v_k - 2 v_{k-1} + v_{k-2}) / T^2. v is
+        zero before the run.
         """
         before = np.zeros((2, part.v.shape[1])) if self._last is None else self._last
         v = np.concatenate([before, part.v])
         self._last = v[-2:]
         jerk = np.abs(v[2:] - 2.0 * v[1:-1] + v[:-2]) / part.period**2
-        return np.asarray((jerk / part.jerk_limit).max(axis=-1))
+        return {
+            "acceleration": np.abs(np.diff(v[1:], axis=0)) / part.period / part.acceleration_limit,
+            "jerk": jerk / part.jerk_limit,
+        }
 
 
 class Contour:
@@ -136,7 +143,7 @@ BEHIND = 0.01
 """Share of the time above which an arm behind the clock is remarked on."""
 
 NOT_TIMED = {"late_share": np.nan, "behind_s": np.nan}
-"""Of a run that no clock drove."""
+"""Of a run without a real-time loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,14 +215,17 @@ def compute_metrics(run: Recording) -> Metrics:
     left = count = _rows_asked(scenario, stop)
     behaviour = Behaviour(stop, scenario.period)
     before: Run | None = None
-    jerk, began_late = JerkRatio(), 0
+    changes, began_late = ChangeRatios(), 0
     for part in run.parts():
         waited = part.diagnostics.get("began_late", np.zeros(0))
         began_late += int(np.sum(waited >= LATE * scenario.period))
-        found["jerk_ratio"].add(jerk.of(part))
+        ratios = {kind: each.max(axis=-1) for kind, each in changes.of(part).items()}
+        found["jerk_ratio"].add(ratios["jerk"])
         late = max(0, len(part.time) - max(0, left))
         left -= len(part.time)
-        for name, channel in (_measures(part, before) | contour.measure(part)).items():
+        for name, channel in (
+            _measures(part, before, ratios["acceleration"]) | contour.measure(part)
+        ).items():
             found[name].add(channel)
             asked[name].add(channel[: max(0, len(channel) - late)])
         behaviour.add(part.v, part.velocity_limit, part.tip, part.tip_d)
@@ -256,13 +266,10 @@ def _lateness(run: Recording, began_late: int) -> dict[str, float]:
     return {"late_share": share, "behind_s": behind}
 
 
-def _measures(part: Run, before: Run | None) -> dict[str, Array]:
+def _measures(part: Run, before: Run | None, acceleration_ratio: Array) -> dict[str, Array]:
     """Quantities that are summed up over a part of a run; ``before`` is None at the start."""
-    v = np.zeros_like(part.v[:1]) if before is None else before.v[-1:]
     tip_d = part.tip_d[:0] if before is None else before.tip_d[-1:]
     speed_ratio = np.abs(part.v / part.velocity_limit).max(axis=-1)
-    acceleration = np.abs(np.diff(part.v, axis=0, prepend=v)) / part.period
-    acceleration_ratio = (acceleration / part.acceleration_limit).max(axis=-1)
     tip_velocity = np.diff(np.concatenate([tip_d, part.tip_d]), axis=0) / part.period
     return {
         **{name: getattr(part, f"{name}_error") for name in ERRORS},

@@ -148,8 +148,8 @@ _METRICS = (
     Measure(
         "late_share",
         "late",
-        "Share of the cycles of a real-time loop that began half a period late or more. It is "
-        "missing for a run that no clock drove.",
+        "Share of the cycles of a real-time loop that began half a period late or more. A run "
+        "without a real-time loop has none.",
         long="share of cycles late",
         fixed=".3f",
     ),
@@ -157,8 +157,8 @@ _METRICS = (
         "behind_s",
         "behind",
         "Time by the clock less the periods of the cycles that were run. A simulated arm stands "
-        "still for as long, and on a real arm as many cycles are missing. It is missing for a run "
-        "that no clock drove.",
+        "still for as long, and on a real arm as many cycles are missing. A run without a "
+        "real-time loop has none.",
         long="loop behind the clock",
         unit="s",
         fixed=".2f",

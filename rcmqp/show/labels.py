@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rcmqp.controllers import CONTROLLERS
+from rcmqp.controllers.given import NOT_SAID
 from rcmqp.errors import PluginError, RcmqpError
 from rcmqp.references.paths.traces import TipTrace
 from rcmqp.runs.head import Head
@@ -127,7 +128,9 @@ def given_names(cells: Iterable[Mapping[str, str]]) -> list[str]:
 def given_words(cells: Mapping[str, str]) -> dict[str, str]:
     """The texts of given_cells() with their labels, for a legend or a caption."""
     return {
-        name: f"{of.label} = {cells[name]} {of.unit}" if of.unit else f"{of.label}: {cells[name]}"
+        name: f"{of.label} = {cells[name]} {of.unit}"
+        if of.unit and cells[name] != NOT_SAID
+        else f"{of.label}: {cells[name]}"
         for name, of in ((name, MEASURES[name]) for name in given_names([cells]))
     }
 

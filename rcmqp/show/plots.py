@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -258,7 +259,11 @@ def _from_trocar(run: Run, points: Array) -> Array:
 
 
 def _wrapped(label: str, wide: int = WIDE) -> str:
-    """In lines short enough for half a figure, or of at most ``wide`` letters."""
+    """In lines short enough for half a figure, or of at most ``wide`` letters.
+
+    No line ends inside ``K = 60 1/s``.
+    """
+    label = re.sub(r" = [^,]+", lambda found: found[0].replace(" ", "\u00a0"), label)
     return _literal(textwrap.fill(label, wide, break_on_hyphens=False))
 
 
@@ -274,9 +279,7 @@ def _one_arm(runs: Sequence[Run]) -> bool:
 def _shared_text(runs: Sequence[Run], wide: int = 2 * WIDE) -> str:
     """Arm and settings that all runs share, in lines of at most ``wide`` letters."""
     arm = [arm_title(runs[0].scenario.arm)] if _one_arm(runs) else []
-    return _literal(
-        textwrap.fill(", ".join([*arm, *run_marks(runs)[0]]), wide, break_on_hyphens=False)
-    )
+    return _wrapped(", ".join([*arm, *run_marks(runs)[0]]), wide)
 
 
 def _labels(runs: Sequence[Run]) -> list[str]:

@@ -429,7 +429,8 @@ def find_frame(model: pin.Model, name: str) -> pin.Frame:
     """
     found = [frame for frame in model.frames if frame.name == name]
     if not found:
-        raise FrameNotFound(name, [frame.name for frame in model.frames])
+        bodies = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+        raise FrameNotFound(name, bodies)
     return next((frame for frame in found if frame.type == pin.FrameType.BODY), found[0])
 
 

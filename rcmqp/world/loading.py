@@ -84,6 +84,14 @@ def names_its_flange(name: str) -> bool:
     return name in arm_names() or name.lower().endswith(ARM_FILE)
 
 
+def new_arm(urdf: str) -> str:
+    """The command that writes an arm's file for a URDF, with the flange to be filled in."""
+    file, _, frame = urdf.rpartition(":")
+    if not file.lower().endswith(URDF_ENDINGS):
+        file, frame = urdf, "FRAME"
+    return f"rcmqp new arm my_robot --set urdf={file} --set flange.frame={frame}"
+
+
 def load_arm(
     name: str | os.PathLike[str],
     flange: str | None = None,
@@ -116,9 +124,9 @@ def load_arm(
             the format of robots/<name>/robot.toml; or the path of a URDF: .urdf, .urdf.gz, or
             .xacro where the package xacro is installed; or of an MJCF, .xml, where mujoco is.
         flange: only with a URDF: the frame that the instrument is mounted on, z outwards.
-        home: only with a URDF: joint angles (nv,) of the starting pose [rad], or by joint name;
-            without it, a configuration far from limits and singularities is searched, the same
-            each time.
+        home: joint angles (nv,) of the starting pose [rad], or by joint name, in place of the
+            arm's own. A URDF has none: without it, a configuration far from limits and
+            singularities is searched, the same each time.
         locked: only with a URDF: joints on the way to the flange to hold, with their position;
             joints that follow them are held too.
         position: position limits, a lower and an upper one [rad].
@@ -158,22 +166,22 @@ def load_arm(
     folder = None if own_file else _folder(str(name))
     if not own_file and folder is None:
         raise UnknownName("arm", str(name), arm_names())
-    if flange is not None or home is not None or locked is not None:
+    if flange is not None or locked is not None:
         raise ArmError(
-            f"flange, home and locked go with a URDF's path; {name} has its own in "
+            f"flange and locked go with a URDF's path; {name} has its own in "
             f"{path.name if own_file else 'robot.toml'}"
         )
     if own_file:
         try:
             file = read_arm_file(path, _robots())
-            arm = _load_file(file, str(name), by_hand, path.read_bytes())
+            arm = _load_file(file, str(name), home, by_hand, path.read_bytes())
             return _questioned(arm, mounted="rpy" in file.entry["flange"])
         except RcmqpError as error:
             raise error.of(path)  # noqa: B904  (it is the same one)
     assert folder is not None
     toml = folder / "robot.toml"
     made_of = None if str(name) in _own_names() else toml.read_bytes()
-    return _load_file(read_arm_file(toml, _robots()), str(name), by_hand, made_of)
+    return _load_file(read_arm_file(toml, _robots()), str(name), home, by_hand, made_of)
 
 
 def _robots() -> Path:
@@ -213,9 +221,16 @@ def _questioned(arm: Arm, *, mounted: bool = False) -> Arm:
 
 
 def _load_file(
-    file: ArmFile, name: str, by_hand: Mapping[str, Any], made_of: bytes | None = None
+    file: ArmFile,
+    name: str,
+    home: ArrayLike | Mapping[str, float] | None,
+    by_hand: Mapping[str, Any],
+    made_of: bytes | None = None,
 ) -> Arm:
-    """The arm of an arm's file; ``made_of`` is the file where it counts for sha256."""
+    """The arm of an arm's file; ``made_of`` is the file where it counts for sha256.
+
+    ``home`` takes the place of the file's.
+    """
     urdf = read_urdf(file.urdf)
     entry = entry_of(file, urdf)
     if "base" in entry or "rail" in entry:
@@ -235,7 +250,7 @@ def _load_file(
         entry["flange"]["frame"],
         locked,
         name=name,
-        home=entry.get("home"),
+        home=entry.get("home") if home is None else home,
         own={limit: entry[limit] for limit in LIMITS if limit in entry},
         source=ModelSource(urdf.path, urdf.text, sha256, file.packages, {}, sources),
         flange_offset=file.placement("flange"),
@@ -266,7 +281,7 @@ def _load_urdf(
         raise ArmError(
             f"{path}: say which frame carries the instrument: flange=..., "
             f"or --flange on the command line (the last ones are {', '.join(links[-4:])}), or "
-            "write an arm's file"
+            f"write an arm's file: {new_arm(str(path))}"
         )
     return built(
         urdf,
