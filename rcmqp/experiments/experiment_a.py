@@ -83,6 +83,14 @@ _ROWS = {
 """Measures beside the paper, and what the paper has."""
 
 
+ABOUT = (
+    "Experiment A of the paper: the tip of an endoscope on a Schunk LWA3 and on a Meka A2 draws a "
+    "conical helix inside the patient, while the shaft stays on the trocar. The first table sets "
+    "the errors beside those that the paper prints.\n\n"
+)
+"""Of the report's reader, who may not know the paper; Markdown."""
+
+
 @dataclass(frozen=True)
 class ExperimentA:
     """What reproduce_a() found, and the files it left.
@@ -155,7 +163,8 @@ def reproduce_a(
     beside = [tables.row_of(run) for run in pairs]
     length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
     (folder / "experiment_a.md").write_text(
-        f"# Experiment A\n\n{length}{text}\n## Beside {RIVAL}\n\n{tables.as_markdown(beside)}\n"
+        f"# Experiment A\n\n{ABOUT}{length}{text}\n## Beside {RIVAL}\n\n"
+        f"{tables.as_markdown(beside)}\n"
         f"## What the columns mean\n\n{tables.columns_explained()}",
         encoding="utf-8",
     )
@@ -169,7 +178,7 @@ def reproduce_a(
         folder,
         files=names,
         title="Experiment A",
-        opening=_sections(length + text, runs[: len(arms)], beside, pairs),
+        opening=_sections(ABOUT + length + text, runs[: len(arms)], beside, pairs),
         command=shlex.join(again),
     )
     files = [folder / name for name in (*names, "experiment_a.md")] + written
