@@ -13,10 +13,12 @@ from numpy.testing import assert_allclose
 from scipy.stats import ttest_rel, wilcoxon
 
 from rcmqp.cli import main
+from rcmqp.controllers import CONTROLLERS
+from rcmqp.controllers.settings import registered
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.conduct import order_table
-from rcmqp.experiments.trial.design import Design, orders
+from rcmqp.experiments.trial.design import Design, file_sha256, orders
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.experiments.trial.questions import EXPERIENCE
 from rcmqp.experiments.trial.results import read_results
@@ -50,6 +52,14 @@ def a_run(design: Design, law: int, seconds: float) -> Run:
     moved = dataclasses.replace(scenario, path=path, duration=seconds + 0.1)
     run = simulate(moved, LAWS[law].controller(moved))
     return dataclasses.replace(run, scenario=dataclasses.replace(scenario, duration=seconds + 0.1))
+
+
+def a_hand(folder: Path) -> Path:
+    """A recording of 2 s, 20 mm from end to end."""
+    hand = folder / "surgeon.csv"
+    lines = [f"{0.02 * k},{10.0 * math.sin(0.05 * k)},0,0" for k in range(100)]
+    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    return hand
 
 
 @pytest.fixture(scope="module")
@@ -156,9 +166,7 @@ def test_fewer_than_five_people_have_neither_effect_size_nor_interval(folder: Pa
 def test_recorded_hands_are_replayed_with_each_controller_beside_people(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hand = folder.parent / "surgeon.csv"
-    lines = [f"{0.02 * k},{10.0 * math.sin(0.05 * k)},0,0" for k in range(100)]
-    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    hand = a_hand(folder.parent)
     with pytest.raises(SystemExit, match="0"):
         main(["study", str(folder), "--hand", str(hand)])
     assert "## Recorded hands" in capsys.readouterr().out
@@ -230,7 +238,7 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "faults": [], "finished": False}
     kept.keep_notes("P01", 1, notes | {"answers": None})
     a_run(design, 0, 0.5).save(kept.run_file("P01", 1))
-    results = read_results(path, operators=2)
+    results = read_results(path, operators=2, scenario=str(scenario))
     assert results.simulated is not None
     assert [o.operator for o in results.simulated.outcomes] == [0, 1]
     text = results_table(results)
@@ -238,6 +246,39 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     assert "## Simulated operators: Franka Emika Panda, dual_quaternion, 16 ms" in text
     assert "no p values on people who are drawn" in text
     assert "## Comparisons of people" not in text
+
+
+def test_a_study_with_a_law_of_ones_own_is_summed_up_without_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match="0"):
+        main(["new", "law", "own_law"])
+    path, law = tmp_path / "study", Law(registered("own_law.py"), 0.016)
+    own = {law.name: ("own_law.py", file_sha256("own_law.py"))}
+    task = scenarios_task(load_scenario("camera_task", "panda"))
+    design = Design("camera_task", "panda", (law,), task, own_laws=own)
+    path.mkdir()
+    design.keep(path)
+    kept = Folder(path)
+    kept.add("P01", dict.fromkeys(EXPERIENCE, 0), design)
+    notes = {"number": 1, "law": law.to_json(), "attempts": 1, "faults": [], "finished": False}
+    kept.keep_notes("P01", 1, notes | {"answers": None})
+    scenario = dataclasses.replace(design.made(law), duration=0.4)
+    simulate(scenario, law.controller(scenario)).save(kept.run_file("P01", 1))
+    monkeypatch.delitem(CONTROLLERS, law.name)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(path)])
+    assert str(law) in capsys.readouterr().out
+    assert law.name not in CONTROLLERS
+    with pytest.raises(SystemExit, match="1"):
+        main(["study", str(path), "--hand", str(a_hand(tmp_path))])
+    assert "give it again, with -c own_law.py" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(path), "--hand", str(a_hand(tmp_path)), "-c", "../own_law.py"])
+    assert "## Recorded hands" in capsys.readouterr().out
 
 
 def test_a_damaged_run_does_not_count_and_is_named(folder: Path, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import typer
 from rcmqp.cli import console
 from rcmqp.cli import options as ask
 from rcmqp.cli.console import print_written, say
-from rcmqp.controllers.settings import controller_of, registered
+from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
 from rcmqp.runs.loading import scenario_names
@@ -114,6 +114,9 @@ def study(
     as are asked for do the same task beside them; all files go to that folder:
 
       rcmqp study my_study --operators 20 --hand surgeon.csv
+
+    No file that the folder names is run. If a controller of the study is your own, --operators
+    and --hand need it again: -c my_law.py.
     """
     from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
     from rcmqp.experiments.study.plan import Law, Study
@@ -124,14 +127,17 @@ def study(
         _remake(Path(scenario), folder or STUDY)
         return
     if (Path(scenario) / "study.json").is_file():  # see experiments.trial.design
-        others: tuple[object, ...] = (arm, controller, gain, period, flange, acceleration)
+        others: tuple[object, ...] = (arm, gain, period, flange, acceleration)
         others += (jerk, trocar, axis, depth, cone, tolerance, instrument, practice, folder)
-        if any(each is not None for each in others):
+        own = controller or []
+        files = all(map(FILE_SETTING.fullmatch, own)) and (not own or operators or hand)
+        if not files or any(each is not None for each in others):
             raise OptionError(
                 f"{scenario} says what people did and with which controllers, and has all files; "
-                "with it, give no more than --operators, --hand, --seed, --jobs and --json"
+                "with it, give no more than --operators, --hand, --seed, --jobs and --json, and "
+                "with --operators or --hand also -c FILE.py for each controller of your own"
             )
-        _people(Path(scenario), operators or 0, hand or [], seed, jobs, as_json)
+        _people(Path(scenario), operators or 0, hand or [], seed, jobs, as_json, own)
         return
     _check_known(scenario)
     operators = 20 if operators is None else operators
@@ -231,7 +237,13 @@ def learning_of(practice: float | None) -> Learning | None:
 
 
 def _people(
-    folder: Path, operators: int, hands: Sequence[Path], seed: int, jobs: int, as_json: bool
+    folder: Path,
+    operators: int,
+    hands: Sequence[Path],
+    seed: int,
+    jobs: int,
+    as_json: bool,
+    own: Sequence[str],
 ) -> None:
     """Sum up a study with people."""
     from rcmqp.experiments.trial.report import write_figures, write_results
@@ -239,7 +251,13 @@ def _people(
 
     with console.bar(quiet=as_json) as advance:
         results = read_results(
-            folder, operators=operators, hands=hands, seed=seed, jobs=jobs, progress=advance
+            folder,
+            operators=operators,
+            hands=hands,
+            seed=seed,
+            jobs=jobs,
+            progress=advance,
+            controllers=own,
         )
     text, files = write_results(results)
     files.append(write_figures(results))

@@ -93,9 +93,24 @@ class Law(_Law):
 
     @classmethod
     def from_json(cls, text: str) -> Law:
-        """The inverse of to_json()."""
+        """The inverse of to_json(); the controller need not be known here.
+
+        Raises:
+            OptionError: the name is no word, or the period is not allowed.
+        """
         name, period, options = json.loads(text)
-        return cls(name, period, tuple((option, value) for option, value in options))
+        if not (isinstance(name, str) and re.fullmatch(r"\w{1,100}", name)):
+            raise OptionError(f"controller {name!r:.50}, its name must be letters, digits and _")
+        law = cls(period=period, options=tuple((option, value) for option, value in options))
+        return law._replace(name=name)
+
+    def known(self) -> Self:
+        """Itself.
+
+        Raises:
+            UnknownName: there is no such controller.
+        """
+        return type(self)(*self)
 
     @property
     def stem(self) -> str:

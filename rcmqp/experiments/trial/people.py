@@ -7,12 +7,12 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.errors import OptionError, RcmqpError, RunFileError, UnknownName
+from rcmqp.errors import OptionError, RcmqpError, RunFileError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.questions import EXPERIENCE, LEVELS, checked_after, group_of
@@ -179,8 +179,7 @@ class Folder:
         if (data := self._read(file)) is None:
             return None
         try:
-            with suppress(UnknownName):  # a plug-in's that is not installed here
-                Law.from_json(data["law"])
+            Law.from_json(data["law"])
             if data["answers"] is not None:
                 data["answers"] = checked_after(data["answers"])
             known = (

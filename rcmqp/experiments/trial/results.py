@@ -84,6 +84,8 @@ def read_results(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress | None = None,
+    scenario: str | None = None,
+    controllers: Sequence[str] = (),
 ) -> Results:
     """Read what people did; let simulated operators do the same, and recorded hands be replayed.
 
@@ -94,13 +96,18 @@ def read_results(
         seed: of the simulated people.
         jobs: processes for them.
         progress: see perform().
+        scenario: the study's Python file, see Design.with_files(); only for operators and hands.
+        controllers: the study's own ones likewise. To sum up people, no file is run.
 
     Raises:
-        OptionError: the folder has no study, nobody has ended a task, or simulated operators
-            cannot do this task.
+        OptionError: the folder has no study, nobody has ended a task, simulated operators
+            cannot do this task, or a file is missing, see Design.with_files().
         RunFileError: a participant's file is damaged.
     """
     design, kept = Design.load(folder), Folder(folder)
+    if operators or hands:
+        design = design.with_files(scenario, controllers)
+        design.check_unchanged()
     ended, remarks, people = [], [], []
     for name in kept.identifiers():
         person = kept.person(name)
@@ -123,7 +130,6 @@ def read_results(
     simulated = _simulate(design, folder, operators, seed, jobs, progress)
     recorded = []
     if hands:
-        design.check_unchanged()
         base = (
             (law, load_scenario(design.scenario, design.arm or None, period=law.period))
             for law in design.laws
@@ -150,7 +156,6 @@ def _simulate(
 ) -> Performed | None:
     if not operators:
         return None
-    design.check_unchanged()
     own = task_of(load_scenario(design.scenario, design.arm or None))
     for name in ("places", "spheres", "obstacle", "tolerance"):
         if getattr(own, name) != getattr(design.task, name):
