@@ -90,7 +90,7 @@ def sit(monkeypatch: pytest.MonkeyPatch, path: Path, *ends: dict[str, Any]) -> P
     monkeypatch.setattr(sitting, "READING", 0.0)
     page = Participant()
     console: Any = page
-    with contextlib.suppress(LoopEnded, OptionError):
+    with contextlib.suppress(LoopEnded, OptionError, sitting.BrokenOff):
         asyncio.run(sitting.Sitting(DESIGN, Folder(path), "P01", console).run())
     assert left == []
     return page
@@ -106,6 +106,25 @@ def test_a_task_that_was_not_recorded_whole_is_done_again(
     assert (notes["attempts"], notes["finished"]) == (2, True)
     assert notes["faults"] == ["not recorded whole: nothing: the disk is full"]
     assert page.told[-1]["last"]
+
+
+def test_only_an_attempt_that_began_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leaves(self: Participant, words: dict[str, Any]) -> None:
+        self.told.append(words)
+        if words["kind"] == "next":
+            asyncio.get_running_loop().call_soon(self.said, Said("break", {}))
+
+    Folder(tmp_path).add("P01", FEW, DESIGN)
+    with monkeypatch.context() as leaving:
+        leaving.setattr(Participant, "tell", leaves)
+        sit(leaving, tmp_path, ENDED)
+    assert Folder(tmp_path).notes("P01", 1) is None
+    sit(monkeypatch, tmp_path, ENDED)
+    notes = Folder(tmp_path).notes("P01", 1)
+    assert notes is not None
+    assert notes["attempts"] == 1
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def study(
         list[Path] | None,
         typer.Option(
             help="CSV file of a recorded hand, columns t, x, y, z, units in the head such as "
-            "x [mm]; may be repeated. Each is replayed with every controller."
+            "x [mm], metres without them; may be repeated. Each is replayed with every controller."
         ),
     ] = None,
     jobs: ask.Jobs = 1,
@@ -120,7 +120,7 @@ def study(
     """
     from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
     from rcmqp.experiments.study.plan import Law, Study
-    from rcmqp.experiments.study.replay import replay, study_conditions
+    from rcmqp.experiments.study.replay import read_hands, replay, study_conditions
     from rcmqp.experiments.study.report import write_figures, write_tables
 
     if scenario.endswith(".h5"):
@@ -161,9 +161,10 @@ def study(
         **ask.port_of(trocar, axis, depth, cone, tolerance),
         **ask.instrument_of(instrument),
     )
+    hands = read_hands(hand or [])
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder or STUDY, jobs=jobs, progress=advance)
-    recorded = replay(hand, study_conditions(chosen), performed.folder) if hand else []
+    recorded = replay(hands, study_conditions(chosen), performed.folder) if hands else []
     text, files = write_tables(performed, recorded=recorded)
     files += write_figures(performed)
     outcomes = [*performed.outcomes, *(each.outcome for each in recorded)]

@@ -116,7 +116,7 @@ class Law(_Law):
     def stem(self) -> str:
         """As part of a file's name."""
         options = "".join(f"_{name}_{value}" for name, value in self.options)
-        return _plain(f"{self.name}_{1e3 * self.period:g}ms{options}")
+        return part_of_name(f"{self.name}_{1e3 * self.period:g}ms{options}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,7 @@ class Trial:
     @property
     def stem(self) -> str:
         """Its file's name, without what kind of file it is."""
-        arm = f"{_plain(self.arm)}_" if self.arm else ""
+        arm = f"{part_of_name(self.arm)}_" if self.arm else ""
         return f"{arm}{self.law.stem}_operator{self.operator:04d}"
 
     def made(self) -> Scenario:
@@ -280,7 +280,7 @@ def _stamp(name: str) -> Stamp:
     return found.st_mtime_ns, found.st_size
 
 
-def _plain(text: str) -> str:
+def part_of_name(text: str) -> str:
     """A text as part of a file's name; where it is none, some of it and a hash of it."""
     if re.fullmatch(r"[\w.+-]{1,80}", text):
         return text

@@ -12,7 +12,7 @@ from rcmqp.experiments.batch import Progress
 from rcmqp.experiments.study.outcome import Outcome, sum_up, task_of
 from rcmqp.experiments.study.perform import Performed, perform
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.replay import replay
+from rcmqp.experiments.study.replay import read_hands, replay
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.experiments.trial.design import Design
 from rcmqp.experiments.trial.people import Folder, Person
@@ -92,7 +92,7 @@ def read_results(
     Args:
         folder: that ``rcmqp trial`` filled.
         operators: how many simulated people, with the same controllers.
-        hands: CSV files of recorded hands, see replay().
+        hands: CSV files of recorded hands, see read_hands().
         seed: of the simulated people.
         jobs: processes for them.
         progress: see perform().
@@ -108,6 +108,7 @@ def read_results(
     if operators or hands:
         design = design.with_files(scenario, controllers)
         design.check_unchanged()
+    traces = read_hands(hands)
     ended, remarks, people = [], [], []
     for name in kept.identifiers():
         person = kept.person(name)
@@ -129,12 +130,12 @@ def read_results(
         )
     simulated = _simulate(design, folder, operators, seed, jobs, progress)
     recorded = []
-    if hands:
+    if traces:
         base = (
             (law, load_scenario(design.scenario, design.arm or None, period=law.period))
             for law in design.laws
         )
-        recorded = replay(hands, list(base), folder, scale=design.scale)
+        recorded = replay(traces, list(base), folder, scale=design.scale)
     return Results(design, folder, people, ended, simulated, recorded, remarks)
 
 
