@@ -5,7 +5,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import threading
+import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,7 @@ from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, file_sha256, orders
-from rcmqp.experiments.trial.people import Folder, checked_id
+from rcmqp.experiments.trial.people import Folder, Person, checked_id
 from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
 from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
 from rcmqp.files import _part
@@ -69,6 +72,25 @@ def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -
     assert all(sorted(of) == list(range(6)) for of in rows.values())
     together = [row for pair in zip(*rows.values(), strict=True) for row in pair]
     assert sorted(together[:6]) == list(range(6))  # whatever their group
+
+
+def test_two_people_who_answer_at_once_have_different_orders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep, both = Folder.keep_person, threading.Barrier(2)
+
+    def slow(self: Folder, person: Person) -> None:
+        time.sleep(0.3)
+        keep(self, person)
+
+    def add(name: str) -> Person:
+        both.wait()
+        return Folder(tmp_path).add(name, NONE, design())
+
+    monkeypatch.setattr(Folder, "keep_person", slow)
+    with ThreadPoolExecutor(2) as pool:
+        people = list(pool.map(add, ("P01", "P02")))
+    assert {person.row for person in people} == {0, 1}
 
 
 # Participants ---------------------------------------------------------------------------------
@@ -161,7 +183,7 @@ def test_a_participant_of_wrong_types_or_ranges_is_refused_by_name(
 @pytest.mark.parametrize(
     "changes",
     [
-        *({"attempts": "1"}, {"number": 2}, {"finished": 1}, {"faults": ""}),
+        *({"attempts": "1"}, {"number": 2}, {"finished": 1}, {"faults": ""}, {"device": [1]}),
         *({"law": 3}, {"law": "[1]"}, {"law": "[1, 2, []]"}, {"answers": 3}, {"answers": {}}),
     ],
 )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import json
 import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +88,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 "finished": None if late else True,
                 "answers": answers,
             }
+            if i < 2:
+                notes["device"] = ["mouse", "keys"] if i else ["haply"]
             kept.keep_notes(f"P{i:02d}", number, notes)
             if not late:
                 a_run(design, law, took(i, law)).save(kept.run_file(f"P{i:02d}", number))
@@ -138,6 +142,8 @@ def test_who_is_counted_and_in_which_orders_stands_in_the_table(folder: Path) ->
     assert f"| answered the questions before | {PEOPLE + 1} | 3 | 4 |" in text
     assert f"| ended all tasks | {PEOPLE} | 3 | 3 |" in text
     assert "| practised before | 0 | 0 | 0 |" in text
+    assert "| steered by haply | 1 | 0 | 1 |" in text
+    assert "| steered by mouse, keys | 1 | 1 | 0 |" in text
     assert f"- P{PEOPLE:02d} has not ended task 2; it does not count" in text
     assert "| dual_quaternion, 16 ms, then hierarchical_qp, 16 ms | 3 | 1 | 2 |" in text
     assert "| hierarchical_qp, 16 ms, then dual_quaternion, 16 ms | 3 | 2 | 1 |" in text
@@ -181,6 +187,10 @@ def test_recorded_hands_are_replayed_with_each_controller_beside_people(
 ) -> None:
     hand = a_hand(folder.parent)
     with pytest.raises(SystemExit, match="0"):
+        main(["study", str(folder), "--hand", str(hand), "--json"])
+    whose = Counter(each["whose"] for each in json.loads(capsys.readouterr().out))
+    assert whose == {"people": 2 * PEOPLE + 1, "recorded": 2}
+    with pytest.raises(SystemExit, match="0"):
         main(["study", str(folder), "--hand", str(hand)])
     assert "## Recorded hands" in capsys.readouterr().out
     with (folder / "recorded.csv").open(encoding="utf-8") as file:
@@ -222,6 +232,8 @@ def test_the_command_writes_tables_and_the_figures_of_each_task(
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * PEOPLE + 1
     assert rows[0]["ease"] in "12"
+    devices = [(row["participant"], row["device"]) for row in rows[::2]]
+    assert devices[:3] == [("P00", "haply"), ("P01", "mouse, keys"), ("P02", "")]
     figures = {each.name for each in (folder / "figures").iterdir()}
     assert {"fig4_views.png", "groups_1.png", "groups_2.png"} < figures
     assert "P03-2_fig7_trajectory.png" in figures

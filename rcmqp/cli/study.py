@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -167,7 +167,7 @@ def study(
     recorded = replay(hands, study_conditions(chosen), performed.folder) if hands else []
     text, files = write_tables(performed, recorded=recorded)
     files += write_figures(performed)
-    outcomes = [*performed.outcomes, *(each.outcome for each in recorded)]
+    outcomes = {"simulated": performed.outcomes, "recorded": [each.outcome for each in recorded]}
     _print(outcomes, performed.notes, [text], files, as_json)
 
 
@@ -229,7 +229,7 @@ def reproduce_b(
     outcomes = [outcome for each in studies for outcome in each.outcomes]
     notes = [note for each in studies for note in each.notes]
     texts = [experiment.table, *([experiment.factor_table] if experiment.factorial else [])]
-    _print(outcomes, notes, texts, experiment.files, as_json)
+    _print({"simulated": outcomes}, notes, texts, experiment.files, as_json)
 
 
 def learning_of(practice: float | None) -> Learning | None:
@@ -263,31 +263,36 @@ def _people(
     text, files = write_results(results)
     files.append(write_figures(results))
     drawn = results.simulated
-    outcomes = [*results.outcomes, *(drawn.outcomes if drawn else [])]
-    outcomes += [each.outcome for each in results.recorded]
+    outcomes = {
+        "people": results.outcomes,
+        "simulated": drawn.outcomes if drawn else [],
+        "recorded": [each.outcome for each in results.recorded],
+    }
     notes = [*results.remarks, *(drawn.notes if drawn else [])]
     _print(outcomes, notes, [text], files, as_json)
 
 
 def _print(
-    outcomes: Sequence[Outcome],
+    outcomes: Mapping[str, Sequence[Outcome]],
     notes: Sequence[str],
     texts: Sequence[str],
     files: Sequence[Path],
     as_json: bool,
 ) -> None:
+    """Print tables and files, or the outcomes by whose they are as JSON."""
     from rcmqp.experiments.study.trial_file import plain
 
+    each = [(whose, outcome) for whose, of in outcomes.items() for outcome in of]
     for note in notes:
         console.print_note(note)
     if as_json:
-        console.print_json([plain(outcome) for outcome in outcomes])
+        console.print_json([{"whose": whose} | plain(outcome) for whose, outcome in each])
     else:
         for text in texts:
             say(text)
         for file in files:
             console.print_written(file)
-    if any(outcome.failure for outcome in outcomes):
+    if any(outcome.failure for _, outcome in each):
         raise typer.Exit(1)
 
 

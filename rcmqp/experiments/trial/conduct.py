@@ -13,7 +13,7 @@ from rcmqp.show.table import Table
 
 
 def who_counts(results: Results) -> str:
-    """Markdown: how many people of each group, and which tasks do not count."""
+    """Markdown: how many people of each group, by which devices, and which tasks do not count."""
     done = _done(results)
     began = {each.outcome.operator for each in results.ended}
     kinds = {
@@ -22,6 +22,9 @@ def who_counts(results: Results) -> str:
         "ended all tasks": done,
         "practised before": [p for p in results.people if p.practised],
     }
+    for devices in sorted({each.devices for each in results.ended} - {""}):
+        users = {each.outcome.operator for each in results.ended if each.devices == devices}
+        kinds[f"steered by {devices}"] = [p for p in results.people if p.identifier in users]
     rows = [[kind, *map(str, _by_group(people))] for kind, people in kinds.items()]
     again = [
         f"{each.outcome.operator} needed {each.notes['attempts']} attempts at task {each.number}; "

@@ -47,6 +47,11 @@ class Ended:
         """To the questions after the task; empty if they are not answered yet."""
         return self.notes["answers"] or {}
 
+    @property
+    def devices(self) -> str:
+        """What held the hand, such as "mouse, keys"; empty if that was not kept."""
+        return ", ".join(self.notes.get("device", []))
+
 
 @dataclass(frozen=True, eq=False)
 class Results:

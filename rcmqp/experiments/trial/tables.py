@@ -136,13 +136,15 @@ def asked_of(results: Results) -> tuple[list[Asked], list[Asked], float]:
 
 def answers_csv(results: Results) -> str:
     """Who answered what, a row for each task."""
-    heads = ["participant", "group", "task", "controller", "attempts", *RATINGS, "comment"]
+    heads = ["participant", "group", "task", "controller", "device", "attempts"]
+    heads += [*RATINGS, "comment"]
     rows = [
         [
             each.outcome.operator,
             each.outcome.group,
             each.number,
             each.outcome.controller,
+            each.devices,
             each.notes["attempts"],
             *(each.answers.get(name) for name in (*RATINGS, "comment")),
         ]
