@@ -132,7 +132,9 @@ def trial(
 
         why = run_trial(design, kept, who, port=port, started=started)
     if why:
-        again = f"rcmqp trial --out {folder} --id {who} goes on from here"
+        files = "".join(f" -c {file}" for file, _ in design.own_laws.values())
+        program = f" {design.scenario}" if design.scenario.endswith(".py") else ""
+        again = f"rcmqp trial{program}{files} --out {folder} --id {who} goes on from here"
         out.print(f"{why}; {again}", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(1)
     out.print(f"{who} is done: {folder}", markup=False, highlight=False, soft_wrap=True)

@@ -197,7 +197,7 @@ def compare_asked(
     rate = min(rate, slowest(each["time"] for each in trials))
 
     def measured(columns: Sequence[Asked]) -> list[Column]:
-        found = []
+        found = list[Column]()
         for title, of in columns:
             ways = [(each["time"] - each["time"][0], each["tip_d"]) for each in of]
             traces = [
