@@ -16,7 +16,7 @@ from scipy import signal
 
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
-from rcmqp.experiments.study.hands import compare_hands, measure_hand, model_hand
+from rcmqp.experiments.study.hands import compare_asked, compare_hands, measure_hand, model_hand
 from rcmqp.experiments.study.vocabulary import HANDS
 from rcmqp.maths.smooth import step
 from rcmqp.references.operators import CameraTrial, Operator, operator_of_study
@@ -164,6 +164,37 @@ def test_recordings_stand_beside_both_groups(tmp_path: Path) -> None:
     assert drawn == [*heads[3:], *heads[1:3]]
     with pytest.raises(OptionError, match="no recording"):
         compare_hands([])
+
+
+def test_a_recording_may_be_named_like_the_model_but_not_like_another(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("model_hand.csv", "model, 1 novice.csv", "model.csv")]
+    for file in files:
+        file.write_bytes(RECORDING.read_bytes())
+    found = compare_hands(files, scale=1e-3, operators=2)
+    heads = [cell.strip() for cell in found.table.splitlines()[0].split("|")[2:-1]]
+    assert heads == [*(f.stem for f in files), "model, 1 novice", "model, 1 experienced"]
+    (tmp_path / "a").mkdir()
+    other = tmp_path / "a" / "model.csv"
+    other.write_bytes(RECORDING.read_bytes())
+    with pytest.raises(OptionError, match=r"a/model\.csv: two have the same name; rename one"):
+        compare_hands([files[2], other], scale=1e-3)
+
+
+def test_asked_ways_are_compared_at_the_rate_of_the_slowest() -> None:
+    def asked(rate: float) -> dict[str, np.ndarray]:
+        trace = reaches(4, rate)
+        return {"time": np.array(trace.times), "tip_d": np.array(trace.positions)}
+
+    for slow, recorded, said in (
+        (62.5, 100.0, "62.5"),
+        (1000.0, 10.0, "10"),
+        (500.0, 200.0, "100"),
+    ):
+        both = compare_asked([("people", [asked(1000.0)])], [("model", [asked(slow)])], recorded)
+        assert both is not None
+        assert f"All hands at {said} Hz" in both[0]
+    short = {name: values[:150] for name, values in asked(100.0).items()}
+    assert compare_asked([("people", [short])], [], 10.0) is None
 
 
 def test_one_command_makes_table_and_figure(

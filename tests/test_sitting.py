@@ -92,7 +92,7 @@ def sit(monkeypatch: pytest.MonkeyPatch, path: Path, *ends: dict[str, Any]) -> P
     monkeypatch.setattr(sitting, "quantiles", lambda latency: [])
     monkeypatch.setattr(sitting, "READING", 0.0)
     console: Any = page
-    with contextlib.suppress(LoopEnded, OptionError):
+    with contextlib.suppress(LoopEnded, OptionError, sitting.BrokenOff):
         asyncio.run(sitting.Sitting(DESIGN, Folder(path), "P01", console).run())
     assert left == []
     return page
@@ -118,6 +118,25 @@ def test_the_notes_say_which_devices_steered_the_attempt_that_counts(
     notes = Folder(tmp_path).notes("P01", 1)
     assert notes is not None
     assert notes["device"] == ["mouse", "haply"]
+
+
+def test_only_an_attempt_that_began_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leaves(self: Participant, words: dict[str, Any]) -> None:
+        self.told.append(words)
+        if words["kind"] == "next":
+            asyncio.get_running_loop().call_soon(self.said, Said("break", {}))
+
+    Folder(tmp_path).add("P01", FEW, DESIGN)
+    with monkeypatch.context() as leaving:
+        leaving.setattr(Participant, "tell", leaves)
+        sit(leaving, tmp_path, ENDED)
+    assert Folder(tmp_path).notes("P01", 1) is None
+    sit(monkeypatch, tmp_path, ENDED)
+    notes = Folder(tmp_path).notes("P01", 1)
+    assert notes is not None
+    assert notes["attempts"] == 1
 
 
 @pytest.mark.parametrize(

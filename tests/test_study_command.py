@@ -11,9 +11,12 @@ import pytest
 from rcmqp.cli import main
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.replay import read_hands, replay
 from rcmqp.references.operators import CameraTrial
+from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.run import Run
 from rcmqp.world.instrument_file import load_instrument
+from rcmqp.world.loading import load_arm
 
 SHORT = """
 import dataclasses
@@ -67,6 +70,32 @@ def test_a_recorded_hand_uses_every_controller_beside_simulated_operators(
         assert f"| surgeon | {law}, 16 ms |" in said
     assert len((out / "recorded.csv").read_text(encoding="utf-8").splitlines()) == 3
     assert len((out / "trials.csv").read_text(encoding="utf-8").splitlines()) == 3
+
+
+def test_a_hand_is_replayed_on_the_urdf_of_another_folder(tmp_path: Path) -> None:
+    urdf, hand = load_arm("lwa3").urdf, tmp_path / "surgeon.csv"
+    assert urdf is not None
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(urdf.read_text())
+    hand.write_text("t,x,y,z\n" + "\n".join(f"{0.02 * k},0,0,0" for k in range(10)))
+    law = Law("hierarchical_qp", 0.016)
+    base = load_scenario("camera_task", str(arm), flange="flange", period=0.016)
+    assert base.arm == str(arm)
+    replay(read_hands([hand]), [(law, base)], tmp_path / "out")
+    (file,) = (tmp_path / "out" / "recorded").iterdir()
+    assert file.name.startswith("surgeon_arm_")
+
+
+def test_a_recording_is_read_before_anybody_is_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def perform(*given: object, **named: object) -> None:
+        raise AssertionError("operators are simulated")
+
+    monkeypatch.setattr("rcmqp.experiments.study.perform.perform", perform)
+    with pytest.raises(SystemExit, match="1"):
+        main(["study", "camera_task", "--hand", str(tmp_path / "no.csv")])
+    assert "no such file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import threading
+import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,8 @@ from rcmqp.cli.trial import _design, _laws
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.experiments.study.plan import Law
-from rcmqp.experiments.trial.design import Design, orders
-from rcmqp.experiments.trial.people import Folder, checked_id
+from rcmqp.experiments.trial.design import Design, file_sha256, orders
+from rcmqp.experiments.trial.people import Folder, Person, checked_id
 from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
 from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
 from rcmqp.files import _part
@@ -69,6 +72,25 @@ def test_participants_of_a_group_go_through_all_orders_in_turn(tmp_path: Path) -
     assert all(sorted(of) == list(range(6)) for of in rows.values())
     together = [row for pair in zip(*rows.values(), strict=True) for row in pair]
     assert sorted(together[:6]) == list(range(6))  # whatever their group
+
+
+def test_two_people_who_answer_at_once_have_different_orders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep, both = Folder.keep_person, threading.Barrier(2)
+
+    def slow(self: Folder, person: Person) -> None:
+        time.sleep(0.3)
+        keep(self, person)
+
+    def add(name: str) -> Person:
+        both.wait()
+        return Folder(tmp_path).add(name, NONE, design())
+
+    monkeypatch.setattr(Folder, "keep_person", slow)
+    with ThreadPoolExecutor(2) as pool:
+        people = list(pool.map(add, ("P01", "P02")))
+    assert {person.row for person in people} == {0, 1}
 
 
 # Participants ---------------------------------------------------------------------------------
@@ -161,7 +183,7 @@ def test_a_participant_of_wrong_types_or_ranges_is_refused_by_name(
 @pytest.mark.parametrize(
     "changes",
     [
-        *({"attempts": "1"}, {"number": 2}, {"finished": 1}, {"faults": ""}),
+        *({"attempts": "1"}, {"number": 2}, {"finished": 1}, {"faults": ""}, {"device": [1]}),
         *({"law": 3}, {"law": "[1]"}, {"law": "[1, 2, []]"}, {"answers": 3}, {"answers": {}}),
     ],
 )
@@ -204,7 +226,7 @@ def test_a_scenario_that_has_changed_since_the_study_began_is_refused(tmp_path: 
     file.write_text(OWN)
     chosen = _design(str(file), "panda", None, None, None, None, {})
     chosen.keep(tmp_path)
-    kept = Design.load(tmp_path)
+    kept = Design.load(tmp_path).with_files(str(file), [])
     kept.made(kept.laws[0])
     chosen.keep(tmp_path)
     file.write_text(OWN.replace("20.0", "30.0"))
@@ -250,25 +272,74 @@ def test_a_law_of_ones_own_is_kept_and_a_changed_one_is_refused(
     chosen.keep(tmp_path)
     CONTROLLERS.pop("my_own_law")  # another process does not know it
     kept = Design.load(tmp_path)
+    assert "my_own_law" not in CONTROLLERS
     assert kept == chosen
     assert [str(law) for law in kept.laws] == [
         "my_own_law, 4 ms, gain = 30.0",
         "hierarchical_qp, 4 ms",
     ]
-    assert [kept.setting(law) for law in kept.laws] == [
-        "my_own_law.py:MyOwnLaw",
-        "hierarchical_qp",
-    ]
+    with pytest.raises(OptionError, match=r"not run: give it again, with -c my_own_law\.py:MyOwn"):
+        kept.with_files(None, [])
+    with pytest.raises(OptionError, match="gain=20 is no controller of this study"):
+        kept.with_files(None, ["my_own_law.py:MyOwnLaw:gain=20"])
+    kept = kept.with_files(None, ["./my_own_law.py"])
+    assert [kept.setting(law) for law in kept.laws] == ["./my_own_law.py", "hierarchical_qp"]
     assert kept.laws[0].controller(kept.made(kept.laws[0])).options["gain"] == 30.0
-    CONTROLLERS.pop("my_own_law")
+    kept.keep(tmp_path)  # in another place, the file is the same
     file.write_text(file.read_text() + "\n# changed\n")
-    with pytest.raises(OptionError, match="MyOwnLaw is not what it was"):
+    with pytest.raises(OptionError, match=r"my_own_law\.py is not what it was"):
         kept.made(kept.laws[0])
     file.unlink()
     with pytest.raises(OptionError, match="cannot be read"):
         kept.made(kept.laws[1])
-    with pytest.raises(OptionError, match=r"study\.json names the controller .*no such file"):
-        Design.load(tmp_path)
+
+
+def trap(file: Path) -> Path:
+    """A program that leaves a file beside itself when it is run; that file."""
+    mark = file.with_suffix(".ran")
+    file.write_text(f"open({str(mark)!r}, 'w').close()\n", encoding="utf-8")
+    return mark
+
+
+def test_no_file_that_a_folder_names_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, law, own = tmp_path / "down", tmp_path / "law.py", tmp_path / "own.py"
+    folder.mkdir()
+    marks = trap(law), trap(own)
+    data = json.loads(design().to_json())
+    laws = [json.dumps([name, 1e-3, []]) for name in ("x", "vfi_qp")]
+    strange = {
+        "law": {"laws": laws, "own_laws": {"x": [str(law), file_sha256(str(law))]}},
+        "scenario": {"scenario": str(own)},
+        "name": {"laws": [json.dumps([str(law), 1e-3, []])]},
+    }
+    said = {"law": "with -c", "scenario": "the scenario of this study is a program", "name": "is"}
+    for what, changes in strange.items():
+        (folder / "study.json").write_text(json.dumps(data | changes), encoding="utf-8")
+        hand = ["--hand", str(tmp_path / "h.csv")]
+        for command in (["study", str(folder)], ["study", str(folder), *hand]):
+            with pytest.raises(SystemExit, match="1"):
+                main(command)
+        capsys.readouterr()
+        with pytest.raises(SystemExit, match="1"):
+            main(["trial", "--out", str(folder), "--no-open"])
+        assert said[what] in " ".join(capsys.readouterr().err.split())
+        assert not any(mark.exists() for mark in marks)
+
+
+def test_a_typed_file_that_is_not_the_studys_is_refused_before_it_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = tmp_path / "law.py"
+    mark = trap(law)
+    data = json.loads(design().to_json()) | {"own_laws": {"vfi_qp": [str(law), "00"]}}
+    (tmp_path / "study.json").write_text(json.dumps(data), encoding="utf-8")
+    for more in ([], ["--arm", "panda"]):
+        with pytest.raises(SystemExit, match="1"):
+            main(["trial", "-c", str(law), *more, "--out", str(tmp_path), "--no-open"])
+        assert "another file of a controller" in " ".join(capsys.readouterr().err.split())
+    assert not mark.exists()
 
 
 @pytest.mark.parametrize("laws", [(), (Law(), Law())])

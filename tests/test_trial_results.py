@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import json
 import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +15,12 @@ from numpy.testing import assert_allclose
 from scipy.stats import ttest_rel, wilcoxon
 
 from rcmqp.cli import main
+from rcmqp.controllers import CONTROLLERS
+from rcmqp.controllers.settings import registered
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.conduct import order_table
-from rcmqp.experiments.trial.design import Design, orders
+from rcmqp.experiments.trial.design import Design, file_sha256, orders
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.experiments.trial.questions import EXPERIENCE
 from rcmqp.experiments.trial.results import read_results
@@ -52,6 +56,14 @@ def a_run(design: Design, law: int, seconds: float) -> Run:
     return dataclasses.replace(run, scenario=dataclasses.replace(scenario, duration=seconds + 0.1))
 
 
+def a_hand(folder: Path) -> Path:
+    """A recording of 2 s, 20 mm from end to end."""
+    hand = folder / "surgeon.csv"
+    lines = [f"{0.02 * k},{10.0 * math.sin(0.05 * k)},0,0" for k in range(100)]
+    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    return hand
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six people, three of them novices, two controllers; one has not ended the second task."""
@@ -76,6 +88,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 "finished": None if late else True,
                 "answers": answers,
             }
+            if i < 2:
+                notes["device"] = ["mouse", "keys"] if i else ["haply"]
             kept.keep_notes(f"P{i:02d}", number, notes)
             if not late:
                 a_run(design, law, took(i, law)).save(kept.run_file(f"P{i:02d}", number))
@@ -128,9 +142,11 @@ def test_who_is_counted_and_in_which_orders_stands_in_the_table(folder: Path) ->
     assert f"| answered the questions before | {PEOPLE + 1} | 3 | 4 |" in text
     assert f"| ended all tasks | {PEOPLE} | 3 | 3 |" in text
     assert "| practised before | 0 | 0 | 0 |" in text
+    assert "| steered by haply | 1 | 0 | 1 |" in text
+    assert "| steered by mouse, keys | 1 | 1 | 0 |" in text
     assert f"- P{PEOPLE:02d} has not ended task 2; it does not count" in text
-    assert "| dual_quaternion, 16 ms, then hierarchical_qp, 16 ms | 4 | 2 | 2 |" in text
-    assert "| hierarchical_qp, 16 ms, then dual_quaternion, 16 ms | 2 | 1 | 1 |" in text
+    assert "| dual_quaternion, 16 ms, then hierarchical_qp, 16 ms | 3 | 1 | 2 |" in text
+    assert "| hierarchical_qp, 16 ms, then dual_quaternion, 16 ms | 3 | 2 | 1 |" in text
     assert "**Unbalanced** (novice: 1 to 2 people an order; experienced: 1 to 2" in text
 
 
@@ -138,6 +154,19 @@ def test_orders_that_are_done_equally_often_are_balanced(folder: Path) -> None:
     results = read_results(folder)
     some = [p for p in results.people if p.identifier in ("P00", "P01", "P02", "P03")]
     assert "are balanced in each group" in order_table(dataclasses.replace(results, people=some))
+
+
+def test_orders_are_counted_of_the_people_in_each_comparison(folder: Path) -> None:
+    results = read_results(folder)
+    laws = (*LAWS, Law("vfi_qp", 0.016))
+    design = dataclasses.replace(results.design, laws=laws)
+    people = [dataclasses.replace(results.people[k], row=k) for k in (0, 2)]
+    half = dataclasses.replace(results, design=design, people=people)
+    text = order_table(half)  # nobody ended all three, and two people are in one comparison
+    said = "dual_quaternion, 16 ms and hierarchical_qp, 16 ms, experienced: 0 to 1 people an order"
+    assert f"**Unbalanced** ({said})" in text
+    alone = order_table(dataclasses.replace(results, people=[], ended=[]))
+    assert "alanced" not in alone
 
 
 def test_fewer_than_five_people_have_neither_effect_size_nor_interval(folder: Path) -> None:
@@ -156,9 +185,11 @@ def test_fewer_than_five_people_have_neither_effect_size_nor_interval(folder: Pa
 def test_recorded_hands_are_replayed_with_each_controller_beside_people(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hand = folder.parent / "surgeon.csv"
-    lines = [f"{0.02 * k},{10.0 * math.sin(0.05 * k)},0,0" for k in range(100)]
-    hand.write_text("t [s],x [mm],y [mm],z [mm]\n" + "\n".join(lines), encoding="utf-8")
+    hand = a_hand(folder.parent)
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(folder), "--hand", str(hand), "--json"])
+    whose = Counter(each["whose"] for each in json.loads(capsys.readouterr().out))
+    assert whose == {"people": 2 * PEOPLE + 1, "recorded": 2}
     with pytest.raises(SystemExit, match="0"):
         main(["study", str(folder), "--hand", str(hand)])
     assert "## Recorded hands" in capsys.readouterr().out
@@ -201,6 +232,8 @@ def test_the_command_writes_tables_and_the_figures_of_each_task(
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * PEOPLE + 1
     assert rows[0]["ease"] in "12"
+    devices = [(row["participant"], row["device"]) for row in rows[::2]]
+    assert devices[:3] == [("P00", "haply"), ("P01", "mouse, keys"), ("P02", "")]
     figures = {each.name for each in (folder / "figures").iterdir()}
     assert {"fig4_views.png", "groups_1.png", "groups_2.png"} < figures
     assert "P03-2_fig7_trajectory.png" in figures
@@ -230,7 +263,7 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     notes = {"number": 1, "law": LAWS[0].to_json(), "attempts": 1, "faults": [], "finished": False}
     kept.keep_notes("P01", 1, notes | {"answers": None})
     a_run(design, 0, 0.5).save(kept.run_file("P01", 1))
-    results = read_results(path, operators=2)
+    results = read_results(path, operators=2, scenario=str(scenario))
     assert results.simulated is not None
     assert [o.operator for o in results.simulated.outcomes] == [0, 1]
     text = results_table(results)
@@ -238,6 +271,40 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     assert "## Simulated operators: Franka Emika Panda, dual_quaternion, 16 ms" in text
     assert "no p values on people who are drawn" in text
     assert "## Comparisons of people" not in text
+
+
+def test_a_study_with_a_law_of_ones_own_is_summed_up_without_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match="0"):
+        main(["new", "law", "own_law"])
+    path, law = tmp_path / "study", Law(registered("own_law.py"), 0.016)
+    own = {law.name: ("own_law.py", file_sha256("own_law.py"))}
+    task = scenarios_task(load_scenario("camera_task", "panda"))
+    design = Design("camera_task", "panda", (law,), task, own_laws=own)
+    path.mkdir()
+    design.keep(path)
+    kept = Folder(path)
+    kept.add("P01", dict.fromkeys(EXPERIENCE, 0), design)
+    notes = {"number": 1, "law": law.to_json(), "attempts": 1, "faults": [], "finished": False}
+    kept.keep_notes("P01", 1, notes | {"answers": None})
+    scenario = dataclasses.replace(design.made(law), duration=0.4)
+    simulate(scenario, law.controller(scenario)).save(kept.run_file("P01", 1))
+    del CONTROLLERS[law.name]  # another process does not know it
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(path)])
+    assert str(law) in capsys.readouterr().out
+    assert law.name not in CONTROLLERS
+    with pytest.raises(SystemExit, match="1"):
+        main(["study", str(path), "--hand", str(a_hand(tmp_path))])
+    assert "give it again, with -c own_law.py" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", str(path), "--hand", str(a_hand(tmp_path)), "-c", "../own_law.py"])
+    assert "## Recorded hands" in capsys.readouterr().out
+    del CONTROLLERS[law.name]
 
 
 def test_a_damaged_run_does_not_count_and_is_named(folder: Path, tmp_path: Path) -> None:

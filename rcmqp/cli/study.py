@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +12,7 @@ import typer
 from rcmqp.cli import console
 from rcmqp.cli import options as ask
 from rcmqp.cli.console import print_written, say
-from rcmqp.controllers.settings import controller_of, registered
+from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import OptionError
 from rcmqp.references.operators import Learning
 from rcmqp.runs.loading import scenario_names
@@ -89,7 +89,7 @@ def study(
         list[Path] | None,
         typer.Option(
             help="CSV file of a recorded hand, columns t, x, y, z, units in the head such as "
-            "x \\[mm]; may be repeated. Each is replayed with every controller."
+            "x \\[mm], metres without; may be repeated. Each is replayed with every controller."
         ),
     ] = None,
     jobs: ask.Jobs = 1,
@@ -119,24 +119,30 @@ def study(
     as are asked for do the same task beside them; all files go to that folder:
 
       rcmqp study my_study --operators 20 --hand surgeon.csv
+
+    No file that the folder names is run. If a controller of the study is your own, --operators
+    and --hand need it again: -c my_law.py.
     """
     from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
     from rcmqp.experiments.study.plan import Law, Study
-    from rcmqp.experiments.study.replay import replay, study_conditions
+    from rcmqp.experiments.study.replay import read_hands, replay, study_conditions
     from rcmqp.experiments.study.report import write_figures, write_tables
 
     if scenario.endswith(".h5"):
         _remake(Path(scenario), folder or STUDY)
         return
     if (Path(scenario) / "study.json").is_file():  # see experiments.trial.design
-        others: tuple[object, ...] = (arm, controller, gain, period, flange, acceleration)
+        others: tuple[object, ...] = (arm, gain, period, flange, acceleration)
         others += (jerk, trocar, axis, depth, cone, tolerance, instrument, practice, folder)
-        if any(each is not None for each in others):
+        own = controller or []
+        files = all(map(FILE_SETTING.fullmatch, own)) and (not own or operators or hand)
+        if not files or any(each is not None for each in others):
             raise OptionError(
                 f"{scenario} says what people did and with which controllers, and has all files; "
-                "with it, give no more than --operators, --hand, --seed, --jobs and --json"
+                "with it, give no more than --operators, --hand, --seed, --jobs and --json, and "
+                "with --operators or --hand also -c FILE.py for each controller of your own"
             )
-        _people(Path(scenario), operators or 0, hand or [], seed, jobs, as_json)
+        _people(Path(scenario), operators or 0, hand or [], seed, jobs, as_json, own)
         return
     _check_known(scenario)
     operators = 20 if operators is None else operators
@@ -160,12 +166,13 @@ def study(
         **ask.port_of(trocar, axis, depth, cone, tolerance),
         **ask.instrument_of(instrument),
     )
+    hands = read_hands(hand or [])
     with console.bar(quiet=as_json) as advance:
         performed = perform(chosen, folder or STUDY, jobs=jobs, progress=advance)
-    recorded = replay(hand, study_conditions(chosen), performed.folder) if hand else []
+    recorded = replay(hands, study_conditions(chosen), performed.folder) if hands else []
     text, files = write_tables(performed, recorded=recorded)
     files += write_figures(performed)
-    outcomes = [*performed.outcomes, *(each.outcome for each in recorded)]
+    outcomes = {"simulated": performed.outcomes, "recorded": [each.outcome for each in recorded]}
     _print(outcomes, performed.notes, [text], files, as_json)
 
 
@@ -227,7 +234,7 @@ def reproduce_b(
     outcomes = [outcome for each in studies for outcome in each.outcomes]
     notes = [note for each in studies for note in each.notes]
     texts = [experiment.table, *([experiment.factor_table] if experiment.factorial else [])]
-    _print(outcomes, notes, texts, experiment.files, as_json)
+    _print({"simulated": outcomes}, notes, texts, experiment.files, as_json)
 
 
 def learning_of(practice: float | None) -> Learning | None:
@@ -236,7 +243,13 @@ def learning_of(practice: float | None) -> Learning | None:
 
 
 def _people(
-    folder: Path, operators: int, hands: Sequence[Path], seed: int, jobs: int, as_json: bool
+    folder: Path,
+    operators: int,
+    hands: Sequence[Path],
+    seed: int,
+    jobs: int,
+    as_json: bool,
+    own: Sequence[str],
 ) -> None:
     """Sum up a study with people."""
     from rcmqp.experiments.trial.report import write_figures, write_results
@@ -244,36 +257,47 @@ def _people(
 
     with console.bar(quiet=as_json) as advance:
         results = read_results(
-            folder, operators=operators, hands=hands, seed=seed, jobs=jobs, progress=advance
+            folder,
+            operators=operators,
+            hands=hands,
+            seed=seed,
+            jobs=jobs,
+            progress=advance,
+            controllers=own,
         )
     text, files = write_results(results)
     files.append(write_figures(results))
     drawn = results.simulated
-    outcomes = [*results.outcomes, *(drawn.outcomes if drawn else [])]
-    outcomes += [each.outcome for each in results.recorded]
+    outcomes = {
+        "people": results.outcomes,
+        "simulated": drawn.outcomes if drawn else [],
+        "recorded": [each.outcome for each in results.recorded],
+    }
     notes = [*results.remarks, *(drawn.notes if drawn else [])]
     _print(outcomes, notes, [text], files, as_json)
 
 
 def _print(
-    outcomes: Sequence[Outcome],
+    outcomes: Mapping[str, Sequence[Outcome]],
     notes: Sequence[str],
     texts: Sequence[str],
     files: Sequence[Path],
     as_json: bool,
 ) -> None:
+    """Print tables and files, or the outcomes by whose they are as JSON."""
     from rcmqp.experiments.study.trial_file import plain
 
+    each = [(whose, outcome) for whose, of in outcomes.items() for outcome in of]
     for note in notes:
         console.print_note(note)
     if as_json:
-        console.print_json([plain(outcome) for outcome in outcomes])
+        console.print_json([{"whose": whose} | plain(outcome) for whose, outcome in each])
     else:
         for text in texts:
             say(text)
         for file in files:
             console.print_written(file)
-    if any(outcome.failure for outcome in outcomes):
+    if any(outcome.failure for _, outcome in each):
         raise typer.Exit(1)
 
 

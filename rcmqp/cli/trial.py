@@ -9,7 +9,7 @@ import typer
 
 from rcmqp.cli.console import out, print_note
 from rcmqp.cli.opening import opening
-from rcmqp.controllers.settings import controller_of
+from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import OptionError, ToolMissing
 from rcmqp.files import check_readable
 from rcmqp.runs.untrusted import MOST_TEXT
@@ -87,6 +87,8 @@ def trial(
 
       rcmqp trial --out study            the next participant
 
+      rcmqp trial -c my_law.py --out study   the same, if a law is your own
+
       rcmqp trial --out study --id P03   who broke off goes on
 
       rcmqp trial --out study --delete P03
@@ -106,15 +108,11 @@ def trial(
         return
     numbers = {"practice": practice, "scale": scale, "viscosity": viscosity}
     given = {name: value for name, value in numbers.items() if value is not None}
-    changes = (scenario, arm, controller, period, task, consent)
-    if given or any(each is not None for each in changes):
+    more = bool(given) or any(each is not None for each in (arm, period, task, consent))
+    design = _going_on(folder, scenario, controller or [], more)
+    if design is None:
         design = _design(scenario, arm, controller, period, task, consent, given)
         _check(design)
-    else:
-        from rcmqp.experiments.trial.design import Design
-
-        design = Design.load(folder)
-        design.check_unchanged()
     try:
         from rcmqp.live.trial import run_trial
     except ModuleNotFoundError as error:
@@ -139,10 +137,30 @@ def trial(
 
         why = run_trial(design, kept, who, port=port, started=started)
     if why:
-        again = f"rcmqp trial --out {folder} --id {who} goes on from here"
+        files = "".join(f" -c {file}" for file, _ in design.own_laws.values())
+        program = f" {design.scenario}" if design.scenario.endswith(".py") else ""
+        again = f"rcmqp trial{program}{files} --out {folder} --id {who} goes on from here"
         out.print(f"{why}; {again}", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(1)
     out.print(f"{who} is done: {folder}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _going_on(
+    folder: Path, scenario: str | None, controllers: list[str], more: bool
+) -> Design | None:
+    """The study that has begun in a folder; None if more is given than its Python files."""
+    from rcmqp.experiments.trial.design import FILE, Design
+
+    if (more or scenario or controllers) and not (folder / FILE).exists():
+        return None
+    kept = Design.load(folder)
+    kept.check_files(controllers)
+    program = scenario is None or (scenario.endswith(".py") and kept.scenario.endswith(".py"))
+    if more or not program or not all(map(FILE_SETTING.fullmatch, controllers)):
+        return None
+    design = kept.with_files(scenario, controllers)
+    design.check_unchanged()
+    return design
 
 
 def _design(
@@ -187,9 +205,8 @@ def _laws(
     controllers: list[str], periods: list[float]
 ) -> tuple[tuple[Law, ...], dict[str, tuple[str, str]]]:
     """The controllers with their periods; and those of an own file, see Design.own_laws."""
-    from rcmqp.controllers.settings import FILE_SETTING, registered
     from rcmqp.experiments.study.plan import Law
-    from rcmqp.experiments.trial.design import file_sha256
+    from rcmqp.experiments.trial.design import file_of, file_sha256
 
     if len(periods) not in (0, 1, len(controllers)):
         raise OptionError(
@@ -202,9 +219,8 @@ def _laws(
     for setting, period in zip(controllers, each, strict=True):
         name, options = controller_of(registered(setting))
         laws.append(Law(name, period, tuple(options.items())))
-        if found := FILE_SETTING.fullmatch(setting):
-            file = found["file"] + (f":{found['name']}" if found["name"] else "")
-            own[name] = (file, file_sha256(file))
+        if FILE_SETTING.fullmatch(setting):
+            own[name] = (file_of(setting), file_sha256(setting))
     return tuple(laws), own
 
 

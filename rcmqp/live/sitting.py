@@ -55,7 +55,7 @@ class Sitting:
     """Leads a participant through what is left of the study.
 
     Each step ends with files, so a sitting that is broken off goes on with the next one. A task
-    that is broken off is done again from its beginning, which ``attempts`` counts.
+    that is broken off is done again from its beginning; ``attempts`` counts those that began.
     """
 
     def __init__(self, design: Design, folder: Folder, identifier: str, console: Console) -> None:
@@ -171,12 +171,15 @@ class Sitting:
         }
         title = f"Task {number} of {count}" if count > 1 else "The task"
         words = {"title": title, "instructions": task.instructions, "seconds": 0.0}
-        while notes["finished"] is None:
+
+        def begins() -> None:
             notes["attempts"] += 1
+            self._folder.keep_notes(self._id, number, notes)
+
+        while notes["finished"] is None:
             self._console.drawn = LatencyCounter()
             out = str(self._folder.run_file(self._id, number))
-            self._folder.keep_notes(self._id, number, notes)
-            last = await self._steer(law, words, duration=task.duration, out=out)
+            last = await self._steer(law, words, begins, duration=task.duration, out=out)
             if fault := _fault(last):
                 notes["faults"].append(fault)
                 words["note"] = LOST if last.get("recorded_whole") is False else AGAIN
@@ -201,9 +204,17 @@ class Sitting:
             self._folder.keep_notes(self._id, number, notes)
 
     async def _steer(
-        self, law: Law, words: dict[str, Any], *, practice: bool = False, **header: Any
+        self,
+        law: Law,
+        words: dict[str, Any],
+        begins: Callable[[], None] = lambda: None,
+        *,
+        practice: bool = False,
+        **header: Any,
     ) -> dict[str, Any]:
         """A loop, from its start by the participant to its end; its last words.
+
+        ``begins`` is called when the participant has said start.
 
         Raises:
             BrokenOff: the participant breaks off; the arm is at rest.
@@ -230,6 +241,7 @@ class Sitting:
                 while (said := await self._heard.get()).kind != "start":
                     if said.kind == "break":
                         raise BrokenOff(f"{self._id} breaks off before a start")
+                begins()
                 if header["out"] is not None:  # an older attempt's run must not stand for this one
                     remove(header["out"])
                 self._console.devices.clear()

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,9 +52,6 @@ WINDOW = 4.0
 TREMOR_BAND = (8.0, 12.0)
 """[Hz]."""
 
-MODEL = "model"
-"""How the title of a column of the model's hands begins."""
-
 
 @dataclass(frozen=True, slots=True)
 class HandMeasures:
@@ -77,6 +74,13 @@ class HandMeasures:
     most_power_hz: float
     tremor_share: float
     spectrum: Array = dataclasses.field(repr=False)
+
+
+Column = tuple[str, Sequence[HandMeasures]]
+"""Title of a column of a table, and whose hands it has."""
+
+Asked = tuple[str, Sequence[Mapping[str, Array]]]
+"""Title of a column, and the traces of its trials, see TRACES."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ def compare_hands(
         learning: of the novices.
 
     Raises:
-        OptionError: no recording, or one that cannot be read or is too short.
+        OptionError: no recording, two of one name, or one that cannot be read or is too short.
         RunFileError: a file cannot be written.
     """
     if not recordings:
@@ -131,7 +135,10 @@ def compare_hands(
         f"recording {i}" if isinstance(each, HandTrace) else Path(each).stem
         for i, each in enumerate(recordings, start=1)
     ]
-    rate = min(RATE, *(1.0 / float(np.median(np.diff(trace.times))) for trace in traces))
+    if len(set(labels)) < len(labels):
+        names = ", ".join(str(each) for each in recordings if not isinstance(each, HandTrace))
+        raise OptionError(f"recorded hands {names}: two have the same name; rename one")
+    rate = slowest(trace.times for trace in traces)
     recorded = [measure_hand(t, rate, label) for t, label in zip(traces, labels, strict=True)]
     people = [operator_of_study(i, seed) for i in range(operators)]
     trials = [(CameraTrial(person, learning=learning), chance) for person, chance in people]
@@ -139,8 +146,8 @@ def compare_hands(
         measure_hand(model_hand(trial, chance), rate, trial.operator.group)
         for trial, chance in trials
     ]
-    columns = {m.label: [m] for m in recorded} | by_group(model, MODEL)
-    table, figure = hand_table(columns, rate), hand_figure(columns)
+    columns, models = [(m.label, [m]) for m in recorded], by_group(model, "model")
+    table, figure = hand_table([*columns, *models], rate), hand_figure(columns, models)
     files = [] if out is None else _write(make_folder(out), table, figure)
     return HandComparison(recorded, model, table, figure, files)
 
@@ -160,28 +167,52 @@ def model_hand(trial: CameraTrial, seed: int, period: float = 1.0 / RATE) -> Han
     return HandTrace(tuple(times), tuple(positions), mapping=trial.mapping)
 
 
+def slowest(times: Iterable[Sequence[float] | Array]) -> float:
+    """The rate at which hands are compared [Hz]: that of the slowest, and at most RATE.
+
+    Args:
+        times: (n,) of each hand [s].
+    """
+    return min([RATE, *(1.0 / float(np.median(np.diff(t))) for t in times)])
+
+
 def compare_asked(
-    asked: Mapping[str, Sequence[Mapping[str, Array]]],
+    asked: Sequence[Asked], model: Sequence[Asked], rate: float = RATE
 ) -> tuple[str, Figure] | None:
-    """Compare the ways that the tip was asked to go: of people, of the model, of recordings.
+    """Compare the ways that the tip was asked to go: of people, of recordings, of the model.
 
     What a page's hand did itself is not kept; what it asked for is, after the viscosity. So it is
     the asked tip that counts of all of them.
 
     Args:
-        asked: traces of trials, see TRACES, by the title of their column; the model's begins with
-            MODEL. Those of less than a second do not count.
+        asked: of each column, its title and the traces of its trials, see TRACES. Trials of less
+            than a second or 32 samples do not count.
+        model: columns of the model likewise.
+        rate: at which recordings were sampled [Hz]; slower trials make it less, see slowest().
 
     Returns:
         Markdown, and a figure as compare_hands() makes it; None if no trial counts.
     """
-    columns = {}
-    for title, trials in asked.items():
-        ways = [(each["time"] - each["time"][0], each["tip_d"]) for each in trials]
-        traces = [HandTrace(tuple(t.tolist()), tuple(p.tolist())) for t, p in ways if t[-1] >= 1.0]
-        if traces:
-            columns[title] = [measure_hand(trace, label=title) for trace in traces]
-    return (hand_table(columns, RATE), hand_figure(columns)) if columns else None
+    trials = [each for _, of in (*asked, *model) for each in of if len(each["time"]) > 1]
+    rate = min(rate, slowest(each["time"] for each in trials))
+
+    def measured(columns: Sequence[Asked]) -> list[Column]:
+        found = list[Column]()
+        for title, of in columns:
+            ways = [(each["time"] - each["time"][0], each["tip_d"]) for each in of]
+            traces = [
+                HandTrace(tuple(t.tolist()), tuple(p.tolist()))
+                for t, p in ways
+                if t[-1] >= max(1.0, 32.0 / rate)
+            ]
+            if traces:
+                found.append((title, [measure_hand(trace, rate, title) for trace in traces]))
+        return found
+
+    columns, models = measured(asked), measured(model)
+    if not columns and not models:
+        return None
+    return hand_table([*columns, *models], rate), hand_figure(columns, models)
 
 
 def measure_hand(trace: HandTrace, rate: float = RATE, label: str = "hand") -> HandMeasures:
@@ -231,18 +262,18 @@ def measure_hand(trace: HandTrace, rate: float = RATE, label: str = "hand") -> H
     )
 
 
-def by_group(hands: Sequence[HandMeasures], whose: str) -> dict[str, list[HandMeasures]]:
+def by_group(hands: Sequence[HandMeasures], whose: str) -> list[Column]:
     """Hands whose labels are groups, by group; the titles say whose they are, and how many."""
     groups = {group: [m for m in hands if m.label == group] for group in GROUPS}
-    return {f"{whose}, {len(of)} {group}": of for group, of in groups.items() if of}
+    return [(f"{whose}, {len(of)} {group}", of) for group, of in groups.items() if of]
 
 
-def hand_table(columns: Mapping[str, Sequence[HandMeasures]], rate: float) -> str:
-    """Markdown: a column for each recording or group, by its title."""
+def hand_table(columns: Sequence[Column], rate: float) -> str:
+    """Markdown: a column for each recording or group."""
     rows = [
         [
             measure.row,
-            *(_cell([getattr(m, name) for m in of], measure.fixed) for of in columns.values()),
+            *(_cell([getattr(m, name) for m in of], measure.fixed) for _, of in columns),
         ]
         for name, measure in HANDS.items()
     ]
@@ -252,30 +283,32 @@ def hand_table(columns: Mapping[str, Sequence[HandMeasures]], rate: float) -> st
         "the least and the largest. Nothing of the model was fitted to these numbers."
     )
     explained = {measure.row: measure.meaning for measure in HANDS.values()}
-    return f"{Table(['', *columns], rows).markdown()}\n{note}\n\n{definitions(explained)}"
+    text = Table(["", *(title for title, _ in columns)], rows).markdown()
+    return f"{text}\n{note}\n\n{definitions(explained)}"
 
 
-def hand_figure(columns: Mapping[str, Sequence[HandMeasures]]) -> Figure:
-    """Spectra of the speed, and SPARC over LDLJ: recordings in colour, the model in grey."""
+def hand_figure(hands: Sequence[Column], model: Sequence[Column]) -> Figure:
+    """Spectra of the speed, and SPARC over LDLJ: hands in colour, the model in grey."""
     from matplotlib.figure import Figure  # Matplotlib takes long to import
 
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    greys, others = iter((("0.45", "x"), ("0.75", "+"))), 0
-    ordered = sorted(columns.items(), key=lambda item: not item[0].startswith(MODEL))
-    for title, hands in ordered:
-        if title.startswith(MODEL):
-            drawn, marker, width = *next(greys), 0.7
-        else:
-            drawn, marker, width = colour(others), "o", 1.8 if len(hands) == 1 else 1.0
-            others += 1
-        for i, m in enumerate(hands):
+    drawn = [
+        (column, grey, marker, 0.7)
+        for column, (grey, marker) in zip(model, (("0.45", "x"), ("0.75", "+")), strict=False)
+    ]
+    drawn += [
+        (column, colour(i), "o", 1.8 if len(column[1]) == 1 else 1.0)
+        for i, column in enumerate(hands)
+    ]
+    for (title, of), shade, marker, width in drawn:
+        for i, m in enumerate(of):
             label = None if i else title
-            left.loglog(*m.spectrum[:, 1:], color=drawn, linewidth=width, label=label)
-            right.plot([m.ldlj], [m.sparc], marker, color=drawn, label=label)
+            left.loglog(*m.spectrum[:, 1:], color=shade, linewidth=width, label=label)
+            right.plot([m.ldlj], [m.sparc], marker, color=shade, label=label)
     left.set(xlabel="frequency [Hz]", ylabel="power of the speed over all of it [1/Hz]")
     left.axvspan(*TREMOR_BAND, color="0.93", zorder=0)
-    last = max((m.spectrum[0, -1] for of in columns.values() for m in of), default=CUTOFF)
+    last = max((m.spectrum[0, -1] for (_, of), *_ in drawn for m in of), default=CUTOFF)
     left.set_xlim(right=min(CUTOFF, 0.8 * last))  # beyond it there is the low-pass alone
     left.set_ylim(bottom=1e-7)
     right.set(xlabel="LDLJ of a movement, median", ylabel="SPARC of a movement, median")

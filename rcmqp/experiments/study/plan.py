@@ -93,15 +93,30 @@ class Law(_Law):
 
     @classmethod
     def from_json(cls, text: str) -> Law:
-        """The inverse of to_json()."""
+        """The inverse of to_json(); the controller need not be known here.
+
+        Raises:
+            OptionError: the name is no word, or the period is not allowed.
+        """
         name, period, options = json.loads(text)
-        return cls(name, period, tuple((option, value) for option, value in options))
+        if not (isinstance(name, str) and re.fullmatch(r"\w{1,100}", name)):
+            raise OptionError(f"controller {name!r:.50}, its name must be letters, digits and _")
+        law = cls(period=period, options=tuple((option, value) for option, value in options))
+        return law._replace(name=name)
+
+    def known(self) -> Self:
+        """Itself.
+
+        Raises:
+            UnknownName: there is no such controller.
+        """
+        return type(self)(*self)
 
     @property
     def stem(self) -> str:
         """As part of a file's name."""
         options = "".join(f"_{name}_{value}" for name, value in self.options)
-        return _plain(f"{self.name}_{1e3 * self.period:g}ms{options}")
+        return part_of_name(f"{self.name}_{1e3 * self.period:g}ms{options}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +150,7 @@ class Trial:
     @property
     def stem(self) -> str:
         """Its file's name, without what kind of file it is."""
-        arm = f"{_plain(self.arm)}_" if self.arm else ""
+        arm = f"{part_of_name(self.arm)}_" if self.arm else ""
         return f"{arm}{self.law.stem}_operator{self.operator:04d}"
 
     def made(self) -> Scenario:
@@ -265,7 +280,7 @@ def _stamp(name: str) -> Stamp:
     return found.st_mtime_ns, found.st_size
 
 
-def _plain(text: str) -> str:
+def part_of_name(text: str) -> str:
     """A text as part of a file's name; where it is none, some of it and a hash of it."""
     if re.fullmatch(r"[\w.+-]{1,80}", text):
         return text

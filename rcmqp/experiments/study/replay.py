@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.experiments.study.comparisons import title
 from rcmqp.experiments.study.outcome import Outcome, sum_up
-from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.plan import Law, Study, part_of_name
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.files import make_folder
@@ -45,8 +45,21 @@ a recording is one hand, and the same one in each row.
 """
 
 
+def read_hands(files: Sequence[str | os.PathLike[str]]) -> dict[str, HandTrace]:
+    """Recorded hands out of CSV files for HandTrace.read_csv(); the name of a file is its hand's.
+
+    Raises:
+        OptionError: a file cannot be read, or two files have the same name.
+    """
+    hands = {Path(file).stem: HandTrace.read_csv(file) for file in files}
+    if len(hands) < len(files):
+        names = ", ".join(str(file) for file in files)
+        raise OptionError(f"recorded hands {names}: two have the same name; rename one")
+    return hands
+
+
 def replay(
-    files: Sequence[str | os.PathLike[str]],
+    hands: Mapping[str, HandTrace],
     conditions: Sequence[tuple[Law, Scenario]],
     folder: Path,
     *,
@@ -57,19 +70,14 @@ def replay(
     A controller that fails is an outcome, with its reason.
 
     Args:
-        files: CSV files for HandTrace.read_csv(); the name of each is that of its hand.
+        hands: by their names, see read_hands().
         conditions: controllers, each with the scenario in which it is used.
         folder: of the study.
         scale: tip over hand.
 
     Raises:
-        OptionError: a file cannot be read, or two files have the same name.
         RunFileError: a run cannot be written.
     """
-    hands = {Path(file).stem: HandTrace.read_csv(file) for file in files}
-    if len(hands) < len(files):
-        names = ", ".join(str(file) for file in files)
-        raise OptionError(f"recorded hands {names}: two have the same name; rename one")
     runs, found = make_folder(folder / RECORDED), []
     for name, hand in hands.items():
         path = dataclasses.replace(hand, mapping=HandMapping(scale))
@@ -78,7 +86,7 @@ def replay(
                 base, path=path, duration=hand.duration, obstacles=(), name=name[:200]
             )
             controller = law.controller(scenario)
-            file = runs / f"{name}_{scenario.arm}_{law.stem}.h5"
+            file = runs / f"{name}_{part_of_name(scenario.arm)}_{law.stem}.h5"
             check_own(file, scenario, controller)
             try:
                 run = simulate(scenario, controller)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 from rcmqp.experiments.trial.design import orders
@@ -12,7 +13,7 @@ from rcmqp.show.table import Table
 
 
 def who_counts(results: Results) -> str:
-    """Markdown: how many people of each group, and which tasks do not count."""
+    """Markdown: how many people of each group, by which devices, and which tasks do not count."""
     done = _done(results)
     began = {each.outcome.operator for each in results.ended}
     kinds = {
@@ -21,6 +22,9 @@ def who_counts(results: Results) -> str:
         "ended all tasks": done,
         "practised before": [p for p in results.people if p.practised],
     }
+    for devices in sorted({each.devices for each in results.ended} - {""}):
+        users = {each.outcome.operator for each in results.ended if each.devices == devices}
+        kinds[f"steered by {devices}"] = [p for p in results.people if p.identifier in users]
     rows = [[kind, *map(str, _by_group(people))] for kind, people in kinds.items()]
     again = [
         f"{each.outcome.operator} needed {each.notes['attempts']} attempts at task {each.number}; "
@@ -33,19 +37,29 @@ def who_counts(results: Results) -> str:
 
 
 def order_table(results: Results) -> str:
-    """Markdown: how many of those who ended all tasks had each order; a warning if uneven."""
+    """Markdown: how many of those who ended all tasks had each order; a warning if uneven.
+
+    The warning counts, for each comparison, the people that are in it: who ended both its tasks.
+    """
     done, laws = _done(results), results.design.laws
-    rows, uneven = [], []
-    possible = orders(len(laws))
+    rows, possible = [], orders(len(laws))
     for number, order in enumerate(possible):
         mine = [p for p in done if p.row == number]
         rows.append([", then ".join(str(laws[k]) for k in order), *map(str, _by_group(mine))])
-    for group in GROUPS:
-        rows_of = [p.row for p in done if p.group == group]
-        counts = [rows_of.count(number) for number in range(len(possible))]
-        if min(counts) < max(counts):
-            uneven.append(f"{group}: {min(counts)} to {max(counts)} people an order")
     text = Table(["order, of people who ended all tasks", "all", *GROUPS], rows).markdown()
+    ended = {(each.outcome.operator, each.outcome.controller) for each in results.ended}
+    uneven, somebody = list[str](), False
+    for a, b in itertools.combinations(map(str, laws), 2):
+        both = [p for p in results.people if {(p.identifier, a), (p.identifier, b)} <= ended]
+        somebody |= bool(both)
+        for group in GROUPS:
+            had = [p.row for p in both if p.group == group]
+            counts = [had.count(number) for number in range(len(possible))]
+            if min(counts) < max(counts):
+                which = f"{a} and {b}, " if len(laws) > 2 else ""
+                uneven.append(f"{which}{group}: {min(counts)} to {max(counts)} people an order")
+    if not somebody:
+        return text
     if not uneven:
         return f"{text}\nThe orders are balanced in each group.\n"
     return (

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from rcmqp.controllers.settings import FILE_SETTING, registered
+from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import OptionError, RcmqpError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.task import with_task
@@ -51,22 +51,6 @@ def scenario_sha256(scenario: str, arm: str) -> str:
     return hashlib.sha256(made.encode()).hexdigest()
 
 
-class LawMissing(OptionError):
-    """The file of a study's own controller is not there, or cannot be run."""
-
-
-def _run_files(study: Path, own_laws: Mapping[str, tuple[str, str]]) -> None:
-    """Make a study's own controllers known by their names."""
-    for setting, _ in own_laws.values():
-        try:
-            registered(setting)
-        except RcmqpError as error:
-            raise LawMissing(
-                f"{study} names the controller {setting}: {error}; give the command in the folder "
-                "in which the study began, with that file in its place"
-            ) from error
-
-
 def file_sha256(setting: str) -> str:
     """SHA-256 of the file of a controller's setting, FILE.py or FILE.py:CLASS.
 
@@ -97,7 +81,7 @@ class Design:
         consent: text that a participant agrees to; empty for none.
         scenario_sha256: see scenario_sha256(); empty if it is not to be checked.
         own_laws: controllers in a file of one's own: the setting, FILE.py or FILE.py:CLASS, and
-            the file's SHA-256, by the controller's name.
+            the file's SHA-256, by the controller's name. What the file imports is not checked.
     """
 
     scenario: str
@@ -133,6 +117,65 @@ class Design:
         """A controller as another process finds it: its name, or the file that has it."""
         return self.own_laws[law.name][0] if law.name in self.own_laws else law.name
 
+    def with_files(self, scenario: str | None, controllers: Sequence[str]) -> Self:
+        """The design with the Python files that the experimenter gave, which are run.
+
+        The folder of a study may come from anybody. So a file that it names is never run; the
+        same file has to be given again. It may be in another place.
+
+        Args:
+            scenario: file of the scenario; None if the study's is not a Python file.
+            controllers: FILE.py[:CLASS], a setting for each controller of one's own.
+
+        Raises:
+            OptionError: a file is missing, or is not that of the study.
+            UnknownName: a controller of the study is not known here.
+        """
+        design = self
+        if self.scenario.endswith(".py"):
+            if scenario is None:
+                raise OptionError(
+                    f"the scenario of this study is a program, {self.scenario}; a file that a "
+                    f"folder names is not run: give it again, rcmqp trial {self.scenario} --out "
+                    "FOLDER. rcmqp study sums up such a study without --operators and --hand"
+                )
+            design = dataclasses.replace(self, scenario=scenario)
+        self.check_files(controllers)
+        given = {}
+        for setting in controllers:
+            name, options = controller_of(registered(setting))
+            laws = [law for law in self.laws if law.name == name]
+            other = options and tuple(options.items()) not in [law.options for law in laws]
+            if not laws or other:
+                known = "; ".join(map(str, self.laws))
+                raise OptionError(f"{setting} is no controller of this study; it has {known}")
+            given[name] = (file_of(setting), self.own_laws[name][1])
+        for name, (setting, _) in self.own_laws.items():
+            if name not in given:
+                raise OptionError(
+                    f"{name} is a controller in a file, {setting}, and a file that a folder names "
+                    f"is not run: give it again, with -c {setting}"
+                )
+        for law in self.laws:
+            law.known()
+        return dataclasses.replace(design, own_laws=given)
+
+    def check_files(self, controllers: Sequence[str]) -> None:
+        """Check that files of controllers are those of the study; none is run.
+
+        Raises:
+            OptionError: one is another file, has changed, or cannot be read.
+        """
+        known = {sha256 for _, sha256 in self.own_laws.values()}
+        for setting in controllers:
+            if FILE_SETTING.fullmatch(setting) and file_sha256(setting) not in known:
+                files = ", ".join(setting for setting, _ in self.own_laws.values()) or "none"
+                raise OptionError(
+                    f"{setting} is another file of a controller than when the study began, or has "
+                    f"changed since; the study has {files}, and all participants do the same: "
+                    "restore it, or begin another study in another folder"
+                )
+
     def check_unchanged(self) -> None:
         """Check that scenario and controllers are what they were when the study began.
 
@@ -148,10 +191,7 @@ class Design:
                 )
         now = scenario_sha256(self.scenario, self.arm)
         if self.scenario_sha256 and self.scenario_sha256 != now:
-            raise OptionError(
-                f"the scenario {self.scenario} is not what it was when the study began, and all "
-                "participants do the same: restore it, or begin another study in another folder"
-            )
+            raise OptionError(self._changed_scenario())
 
     def to_json(self) -> str:
         """As a file keeps it."""
@@ -160,22 +200,19 @@ class Design:
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """The design of the study in a folder.
+        """The design of the study in a folder; no file that it names is run, see with_files().
 
         Raises:
-            OptionError: there is none, or it is damaged, or a controller's file is not there.
+            OptionError: there is none, or it is damaged.
         """
         file = folder / FILE
         try:
             data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
             own = data.get("own_laws", {})
             data["own_laws"] = {name: (setting, sha256) for name, (setting, sha256) in own.items()}
-            _run_files(file, data["own_laws"])
             data["laws"] = tuple(map(Law.from_json, data["laws"]))
             data["task"] = Search(**data["task"])
             return cls(**data)
-        except LawMissing:
-            raise
         except FileNotFoundError as error:
             raise OptionError(
                 f"{folder} has no study with people: no {FILE}; begin one with "
@@ -195,14 +232,41 @@ class Design:
             write_text(folder / FILE, self.to_json())
             return
         kept = Design.load(folder)
-        same = kept.scenario == self.scenario and kept.arm == self.arm
-        if same and self.scenario_sha256:
-            kept.check_unchanged()
-            kept = dataclasses.replace(kept, scenario_sha256=self.scenario_sha256)
         for item in dataclasses.fields(Design):
-            if getattr(kept, item.name) != getattr(self, item.name):
-                what = "set of controllers and periods" if item.name == "laws" else item.name
+            before, now = getattr(kept, item.name), getattr(self, item.name)
+            if item.name == "own_laws":  # wherever the files are
+                before, now = ({k: sha for k, (_, sha) in of.items()} for of in (before, now))
+            if item.name == "scenario":
+                before, now = map(_place_apart, (before, now))
+            if item.name == "scenario_sha256":
+                if before and now and before != now:
+                    raise OptionError(self._changed_scenario())
+                continue
+            if before != now:
+                what = {
+                    "laws": "set of controllers and periods",
+                    "own_laws": "file of a controller",
+                }.get(item.name, item.name)
                 raise OptionError(
                     f"{folder} is a study with another {what}; all participants do the "
                     "same: give the same options as before, or another folder"
                 )
+
+    def _changed_scenario(self) -> str:
+        return (
+            f"the scenario {self.scenario} is not what it was when the study began, and all "
+            "participants do the same: restore it, or begin another study in another folder"
+        )
+
+
+def _place_apart(scenario: str) -> str:
+    """A scenario's name, or the name of its Python file without the folders."""
+    return Path(scenario).name if scenario.endswith(".py") else scenario
+
+
+def file_of(setting: str) -> str:
+    """FILE.py or FILE.py:CLASS of a setting, without options."""
+    found = FILE_SETTING.fullmatch(setting)
+    if found is None:
+        raise OptionError(f"{setting} is no file of a controller; give FILE.py or FILE.py:CLASS")
+    return found["file"] + (f":{found['name']}" if found["name"] else "")

@@ -6,13 +6,14 @@ import itertools
 import json
 import math
 import re
+import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rcmqp.errors import OptionError, RcmqpError, RunFileError, UnknownName
+from rcmqp.errors import OptionError, RcmqpError, RunFileError
 from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.questions import EXPERIENCE, LEVELS, checked_after, group_of
@@ -147,19 +148,36 @@ class Folder:
     def add(self, identifier: str, before: Mapping[str, int], design: Design) -> Person:
         """Take a new participant, in the order that fewest of the same group have had so far.
 
-        Of several such orders it is the one that fewest people in all have had.
+        Of several such orders it is the one that fewest people in all have had. Two processes
+        take one after the other, so two people who answer at once do not count as one.
+
+        Raises:
+            RunFileError: a file cannot be read or written.
         """
         make_folder(self.path / PEOPLE)
         make_folder(self.path / TRIALS)
         group = group_of(before)
-        others = [each for each in map(self.person, self.identifiers()) if each is not None]
-        alike = [each.row for each in others if each.group == group]
-        rows = [each.row for each in others]
-        count = len(orders(len(design.laws)))
-        row = min(range(count), key=lambda k: (alike.count(k), rows.count(k)))
-        person = Person(identifier, before, group, row, practised=False)
-        self.keep_person(person)
+        with self._alone():
+            others = [each for each in map(self.person, self.identifiers()) if each is not None]
+            alike = [each.row for each in others if each.group == group]
+            rows = [each.row for each in others]
+            count = len(orders(len(design.laws)))
+            row = min(range(count), key=lambda k: (alike.count(k), rows.count(k)))
+            person = Person(identifier, before, group, row, practised=False)
+            self.keep_person(person)
         return person
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Hold the study's orders; wait for another process that holds them."""
+        file = self.path / ".orders.lock"
+        for _ in range(500):
+            with held(file) as free:
+                if free:
+                    yield
+                    return
+            time.sleep(0.02)
+        raise RunFileError(file, "has been held by another rcmqp trial for 10 s; end that one")
 
     def keep_person(self, person: Person) -> None:
         """Write a participant's answers."""
@@ -179,14 +197,15 @@ class Folder:
         if (data := self._read(file)) is None:
             return None
         try:
-            with suppress(UnknownName):  # a plug-in's that is not installed here
-                Law.from_json(data["law"])
+            Law.from_json(data["law"])
             if data["answers"] is not None:
                 data["answers"] = checked_after(data["answers"])
             known = (
                 data["number"] == number
                 and _is_whole(data["attempts"], 0)
                 and isinstance(data["faults"], list)
+                and isinstance(data.get("device", []), list)
+                and all(isinstance(device, str) for device in data.get("device", []))
                 and (data["finished"] is None or isinstance(data["finished"], bool))
             )
         except (ValueError, TypeError, KeyError, AttributeError, RcmqpError):

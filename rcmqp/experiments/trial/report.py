@@ -55,7 +55,7 @@ def write_figures(results: Results) -> Path:
         drawn[f"{stem}_fig6_errors"] = figures.trial_figure(each.record)
         made = Scenario.from_json(scenario)
         drawn[f"{stem}_fig7_trajectory"] = figures.trajectory_figure(made, each.record)
-    if compared := compare_asked(asked_of(results)):
+    if compared := compare_asked(*asked_of(results)):
         drawn["hands"] = compared[1]
     for name, figure in drawn.items():
         plots.save_figure(figure, folder / name, endings=(".png",))

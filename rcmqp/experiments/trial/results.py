@@ -12,7 +12,7 @@ from rcmqp.experiments.batch import Progress
 from rcmqp.experiments.study.outcome import Outcome, sum_up, task_of
 from rcmqp.experiments.study.perform import Performed, perform
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.replay import replay
+from rcmqp.experiments.study.replay import read_hands, replay
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.experiments.trial.design import Design
 from rcmqp.experiments.trial.people import Folder, Person
@@ -46,6 +46,11 @@ class Ended:
     def answers(self) -> Mapping[str, Any]:
         """To the questions after the task; empty if they are not answered yet."""
         return self.notes["answers"] or {}
+
+    @property
+    def devices(self) -> str:
+        """What held the hand, such as "mouse, keys"; empty if that was not kept."""
+        return ", ".join(self.notes.get("device", []))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,23 +89,31 @@ def read_results(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress | None = None,
+    scenario: str | None = None,
+    controllers: Sequence[str] = (),
 ) -> Results:
     """Read what people did; let simulated operators do the same, and recorded hands be replayed.
 
     Args:
         folder: that ``rcmqp trial`` filled.
         operators: how many simulated people, with the same controllers.
-        hands: CSV files of recorded hands, see replay().
+        hands: CSV files of recorded hands, see read_hands().
         seed: of the simulated people.
         jobs: processes for them.
         progress: see perform().
+        scenario: the study's Python file, see Design.with_files(); only for operators and hands.
+        controllers: the study's own ones likewise. To sum up people, no file is run.
 
     Raises:
-        OptionError: the folder has no study, nobody has ended a task, or simulated operators
-            cannot do this task.
+        OptionError: the folder has no study, nobody has ended a task, simulated operators
+            cannot do this task, or a file is missing, see Design.with_files().
         RunFileError: a participant's file is damaged.
     """
     design, kept = Design.load(folder), Folder(folder)
+    if operators or hands:
+        design = design.with_files(scenario, controllers)
+        design.check_unchanged()
+    traces = read_hands(hands)
     ended, remarks, people = [], [], []
     for name in kept.identifiers():
         person = kept.person(name)
@@ -122,13 +135,12 @@ def read_results(
         )
     simulated = _simulate(design, folder, operators, seed, jobs, progress)
     recorded = []
-    if hands:
-        design.check_unchanged()
+    if traces:
         base = (
             (law, load_scenario(design.scenario, design.arm or None, period=law.period))
             for law in design.laws
         )
-        recorded = replay(hands, list(base), folder, scale=design.scale)
+        recorded = replay(traces, list(base), folder, scale=design.scale)
     return Results(design, folder, people, ended, simulated, recorded, remarks)
 
 
@@ -150,7 +162,6 @@ def _simulate(
 ) -> Performed | None:
     if not operators:
         return None
-    design.check_unchanged()
     own = task_of(load_scenario(design.scenario, design.arm or None))
     for name in ("places", "spheres", "obstacle", "tolerance"):
         if getattr(own, name) != getattr(design.task, name):

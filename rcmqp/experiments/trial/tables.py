@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from rcmqp.experiments.study.comparisons import (
     side_by_side,
     title,
 )
-from rcmqp.experiments.study.hands import MODEL, compare_asked
+from rcmqp.experiments.study.hands import Asked, compare_asked, slowest
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.replay import replay_table
 from rcmqp.experiments.study.statistics import FEWEST, effect, summary
@@ -30,6 +30,8 @@ from rcmqp.experiments.trial.questions import RATINGS
 from rcmqp.experiments.trial.results import Ended, Results
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import GROUPS
+from rcmqp.references.paths import HandTrace
+from rcmqp.runs.scenario import Scenario
 from rcmqp.show.labels import given_words
 from rcmqp.show.table import Table, literal
 
@@ -61,8 +63,9 @@ them and real people. Their device has a scale and viscosity of its own.
 
 ASKED = """\
 How the tip was asked to go, of people after the viscosity of the page's hand: speed spectra and
-smoothness, all trials treated alike. The model's trials are those with the first controller. A
-loop behind the clock adds fast changes of speed. This describes; it is not a test.
+smoothness, all trials treated alike, at the rate of the slowest. The trials of the model and of
+recorded hands are those with the first controller. A loop behind the clock adds fast changes of
+speed. This describes; it is not a test.
 """
 
 
@@ -99,47 +102,49 @@ def results_table(results: Results) -> str:
         parts.append(f"## Comparisons of people\n\n{_compared(results.ended)}")
     if recorded:
         parts.append(f"## Recorded hands\n\n{replay_table(recorded)}")
-    if compared := compare_asked(asked_of(results)):
+    if compared := compare_asked(*asked_of(results)):
         parts.append(f"## Speed spectra\n\n{ASKED}\n{compared[0]}")
     notes = NOTES + (f"\n{MODEL_NOTE}" if drawn else "")
     parts.append(f"{notes}\n## What the rows mean\n\n{rows_explained([*people, *drawn])}")
     return "\n".join(parts)
 
 
-def asked_of(results: Results) -> dict[str, list[Mapping[str, Array]]]:
-    """Traces of all trials by whose they are, for compare_asked()."""
-    found: dict[str, list[Mapping[str, Array]]] = {}
+def asked_of(results: Results) -> tuple[list[Asked], list[Asked], float]:
+    """Traces of people and recordings, those of the model, and a rate, for compare_asked()."""
+    found, model, first = list[Asked](), list[Asked](), str(results.design.laws[0])
     for group in GROUPS:
         mine = [each for each in results.ended if each.outcome.group == group]
         people = len({each.outcome.operator for each in mine})
         if mine:
             title = f"people, {people} {group}, {len(mine)} tasks"
-            found[title] = [each.record.traces for each in mine]
-    for each in results.recorded:
-        if each.traces:
-            found.setdefault(str(each.outcome.operator), [each.traces])
+            found.append((title, [each.record.traces for each in mine]))
+    hands = [e for e in results.recorded if e.traces and e.outcome.controller == first]
+    found += [(str(each.outcome.operator), [each.traces]) for each in hands]
+    paths = [Scenario.from_json(each.scenario).path for each in hands]
+    rate = slowest(path.times for path in paths if isinstance(path, HandTrace))
     if results.simulated is not None:
-        outcomes, first = results.simulated.outcomes, results.design.laws[0]
         for group in GROUPS:
             drawn = [
                 results.simulated.record(i).traces
-                for i, o in enumerate(outcomes)
-                if o.group == group and o.controller == str(first) and not o.failure
+                for i, o in enumerate(results.simulated.outcomes)
+                if o.group == group and o.controller == first and not o.failure
             ]
             if drawn:
-                found[f"{MODEL}, {len(drawn)} {group}"] = drawn
-    return found
+                model.append((f"model, {len(drawn)} {group}", drawn))
+    return found, model, rate
 
 
 def answers_csv(results: Results) -> str:
     """Who answered what, a row for each task."""
-    heads = ["participant", "group", "task", "controller", "attempts", *RATINGS, "comment"]
+    heads = ["participant", "group", "task", "controller", "device", "attempts"]
+    heads += [*RATINGS, "comment"]
     rows = [
         [
             each.outcome.operator,
             each.outcome.group,
             each.number,
             each.outcome.controller,
+            each.devices,
             each.notes["attempts"],
             *(each.answers.get(name) for name in (*RATINGS, "comment")),
         ]
