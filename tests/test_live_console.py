@@ -30,7 +30,7 @@ from test_urdf import urdf
 
 from rcmqp import Scenario
 from rcmqp.cli import main
-from rcmqp.live.console import LiveReport
+from rcmqp.live.console import LiveReport, latency_row
 from rcmqp.live.steering import RELEASED
 from rcmqp.show.viewer.browser import PATIENCE, browser
 from rcmqp.show.viewer.build import write_page
@@ -251,3 +251,14 @@ def test_a_urdf_goes_with_its_flange_and_limits(
     assert ended.value.code == 0
     arm = begun[0].insertion().arm
     assert (arm.flange, set(arm.acceleration), set(arm.jerk)) == ("l7", {8.0}, {400.0})
+
+
+def test_latencies_of_nothing_are_a_dash() -> None:
+    assert latency_row("state", 0.0, 0.0, 0.0, 0) == ("state", "-", "-", "-", "0")
+    assert latency_row("state", 1e-3, 2e-3, 0.01, 7) == (
+        "state",
+        "1.0 ms",
+        "2.0 ms",
+        "10.0 ms",
+        "7",
+    )

@@ -193,7 +193,7 @@ def test_figures_that_no_journal_takes_are_refused(moving: Run, tmp_path: Path) 
         plots.save_figure(Figure(), tmp_path / "figure", dpi=5)
 
 
-@pytest.mark.parametrize("wide", range(12, 40))
+@pytest.mark.parametrize("wide", [12, 20, 39])
 def test_no_line_of_a_title_ends_inside_a_value(wide: int) -> None:
     lines = plots._wrapped("Schunk LWA3, feed-forward: no, T = 1 ms, K = 60 1/s", wide).split("\n")
     assert "T\u00a0=\u00a01\u00a0ms" in " ".join(lines)

@@ -140,13 +140,16 @@ def _report(console: Console, ended: dict[str, Any]) -> LiveReport:
         "command to state": ended["latency"]["state"],
         "state to picture": quantiles(console.drawn.latency()),
     }
-    rows = [
-        (name, *(f"{1e3 * each:.1f} ms" if count else "-" for each in shares), str(count))
-        for name, (*shares, count) in latencies.items()
-    ]
+    rows = [latency_row(name, *values) for name, values in latencies.items()]
     tables = [
         ended["report"],
         Table(("latency", "median", "p95", "p99", "of"), rows).markdown(),
         Table(("pages", ""), [*ended["rows"], *console.desk.counts.rows()]).markdown(),
     ]
     return LiveReport("\n\n".join(text.rstrip() for text in tables), ended["fault"])
+
+
+def latency_row(name: str, median: float, p95: float, p99: float, count: float) -> tuple[str, ...]:
+    """A row of the report: quantiles of a latency [s], a dash where nothing was measured."""
+    texts = (f"{1e3 * each:.1f} ms" if count else "-" for each in (median, p95, p99))
+    return name, *texts, f"{count:.0f}"
