@@ -74,7 +74,6 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
     text = (tmp_path / "new" / "experiment_a.md").read_text()
     assert f"{found.table}\n## Beside hierarchical_qp\n\n{as_markdown(found.beside)}\n" in text
     page = (tmp_path / "new" / "index.html").read_text()
-    assert "draws a conical helix inside the patient" in text
     assert "draws a conical helix inside the patient" in page
     assert page.count("<iframe") == 4
     assert [f'src="helix_{arm}.png"' in page for arm in ARMS] == [True, True]
