@@ -74,7 +74,6 @@ def test_every_file_is_written_and_every_cycle_is_reported(tmp_path: Path) -> No
     text = (tmp_path / "new" / "experiment_a.md").read_text()
     assert f"{found.table}\n## Beside hierarchical_qp\n\n{as_markdown(found.beside)}\n" in text
     page = (tmp_path / "new" / "index.html").read_text()
-    assert "draws a conical helix inside the patient" in text
     assert "draws a conical helix inside the patient" in page
     assert page.count("<iframe") == 4
     assert [f'src="helix_{arm}.png"' in page for arm in ARMS] == [True, True]
@@ -199,7 +198,7 @@ def test_ticks_of_a_short_helix_do_not_run_into_each_other(runs: list[Run]) -> N
 
 def test_what_all_runs_share_is_the_title_of_the_error_figure(runs: list[Run]) -> None:
     given = "feed-forward: no, roll controlled: yes, joint limits enforced: none, "
-    given += "T = 10 ms, K = 60 1/s"
+    given += "T = 10 ms, K = 60 1/s".replace(" = ", "\u00a0=\u00a0").replace("0 ", "0\u00a0")
     figure = plots.error_figure([runs[0], dataclasses.replace(runs[0], controller="other")])
     title = figure.axes[0].get_title().replace("\n", " ")
     assert title == f"Schunk LWA3, {given}, limits assumed: jerk"

@@ -163,7 +163,7 @@ def reproduce_a(
     beside = [tables.row_of(run) for run in pairs]
     length = "" if duration is None else f"Only the first {duration:g} s of the helix.\n\n"
     (folder / "experiment_a.md").write_text(
-        f"# Experiment A\n\n{ABOUT}{length}{text}\n## Beside {RIVAL}\n\n"
+        f"# Experiment A\n\n{length}{text}\n## Beside {RIVAL}\n\n"
         f"{tables.as_markdown(beside)}\n"
         f"## What the columns mean\n\n{tables.columns_explained()}",
         encoding="utf-8",
