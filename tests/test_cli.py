@@ -228,8 +228,8 @@ def test_tables_name_every_entry(call: Call, command: str) -> None:
 
 def test_no_two_controllers_are_described_alike(call: Call) -> None:
     table = call("controllers")[1]
-    assert "task_priority, with the tip's task" in table
-    assert table.count("The law that the paper improves upon") == 1
+    assert "task_priority, with" in table
+    assert table.count("The law that the paper") == 1  # its lines are broken by the width
 
 
 def test_one_arm_and_one_controller_are_explained(call: Call) -> None:

@@ -267,7 +267,7 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
     notes = json.loads(file.with_suffix(".json").read_text())
     assert (notes["attempts"], notes["finished"]) == (1, None)
     with (
-        trial(folder, "--id", "P07") as (process, address),
+        trial(folder, "--id", "P07", "-c", f"{law}:MyLaw") as (process, address),
         participant(address) as page,
     ):
         with urllib.request.urlopen(address) as first:

@@ -113,7 +113,7 @@ def test_the_followers_of_a_locked_joint_are_held_where_they_follow_it(tmp_path:
     assert_allclose(found.homogeneous, expected.homogeneous, rtol=0, atol=1e-12)
     middle = load_arm(path, "l7", locked={"p2": 0.2}, home=[0.0] * 8)
     assert middle.joints == ("j1", "p1", *by_hand.joints[1:])
-    with pytest.raises(ArmError, match="p1 cannot be locked at high; give a number"):
+    with pytest.raises(ArmError, match="p1 cannot be locked at 'high'; give a number"):
         load_arm(path, "l7", locked={"p1": "high"})  # type: ignore[dict-item]
 
 
