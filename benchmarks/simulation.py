@@ -25,11 +25,11 @@ LAWS = ("dual_quaternion", "hierarchical_qp")
 def control(scenario: rcmqp.Scenario, controller: Controller, references: list[Reference]) -> None:
     """State, step and integration, with references made beforehand: what counts as control."""
     arm, T = controller.insertion.arm, scenario.period
-    q, v = controller.insertion.q_start, 0.0 * arm.velocity
+    q, v, a = controller.insertion.q_start, 0.0 * arm.velocity, 0.0 * arm.velocity
     controller.reset()
     for reference in references:
-        v = controller.step(arm.state(q, v), reference).v
-        q = arm.integrate(q, v, T)
+        before, v = v, controller.step(arm.state(q, v, a), reference).v
+        a, q = (v - before) / T, arm.integrate(q, v, T)
 
 
 def processor_time(work: Callable[[], object]) -> float:
