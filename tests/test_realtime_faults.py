@@ -307,6 +307,16 @@ def test_a_fault_before_the_loop_is_raised_and_nothing_is_sent(
     assert robot.sent == []
 
 
+def test_a_joint_at_its_position_limit_comes_to_rest_in_every_digit() -> None:
+    insertion = rcmqp.load_scenario("camera_task", "panda").insertion()
+    arm, crawl = insertion.arm, -7.4e-20 * (np.arange(7) == 6)
+    angles = np.where(np.arange(7) == 6, arm.upper, arm.home)
+    passed = CommandCheck(Brake(insertion, T), "mine").passed(
+        np.zeros(7), angles, crawl, 0 * crawl
+    )
+    assert not passed.any()
+
+
 @pytest.mark.parametrize("off", [0.01, -0.3])
 def test_an_arm_that_stands_off_the_trocar_is_not_driven(
     insertion: rcmqp.Insertion, off: float

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.controllers.braking import Brake
+from rcmqp.controllers.braking import NOTHING, Brake
 from rcmqp.errors import InvalidCommand, RcmqpError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.smooth import braking_speed
@@ -244,7 +244,8 @@ class CommandCheck:
             if np.any(excess > 0.0):
                 k = int(np.argmax(excess / most))
                 raise LoopFault(self._words(k, inside[k], angles[k], before[k], a[k]))
-            command = np.clip(command, lower, upper)
+            cut_off = np.clip(command, lower, upper)
+            command = np.where(np.abs(cut_off - command) > NOTHING, cut_off, command)
         command.setflags(write=False)
         return command
 
