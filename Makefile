@@ -20,7 +20,7 @@ KERNEL_TESTS := tests/test_compiled.py tests/test_stack.py tests/test_given_rows
 SANITIZED = PYTHONPATH=$(VENV)/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
 	ASAN_OPTIONS=detect_leaks=0 OMP_NUM_THREADS=1
 DOCS := $(VENV)/.docs
-MOVING := fps=8,scale=800:-1:flags=lanczos,split[a][b];[a]palettegen=max_colors=128:stats_mode=diff[p];[b][p]paletteuse=dither=none:diff_mode=rectangle
+MOVING := fps=6,scale=720:-1:flags=lanczos,split[a][b];[a]palettegen=max_colors=64:stats_mode=diff[p];[b][p]paletteuse=dither=none:diff_mode=rectangle
 
 .PHONY: demo docs pictures gallery tables test test-fast sanitize franka lint types check clean
 
@@ -48,7 +48,7 @@ tables: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/doc_tables.py
 	$(BIN)/python benchmarks/measures_page.py
 
-test: $(INSTALLED)
+test: $(INSTALLED) $(NODE)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test-fast: $(INSTALLED)

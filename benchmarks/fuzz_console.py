@@ -1,4 +1,4 @@
-"""Drives the real page of rcmqp live at random, and counts what came of it.
+"""Drive the page of rcmqp live with random input, and measure what the arm and the loop do.
 
     python benchmarks/fuzz_console.py --minutes 10
 

@@ -110,7 +110,7 @@ def limits_off(arm: Arm, chain: list[ET.Element]) -> float:
 
 
 def helix(path: Path, chain: list[ET.Element]) -> str:
-    """Link, shaft's tilt at the home, RCM and tip errors of both laws; or why there is no run."""
+    """A table row: link, shaft tilt at home, RCM and tip errors of both laws, or the error."""
     links = [str(joint.find("child").get("link")) for joint in chain[::-1]]  # type: ignore[union-attr]
     reason = ""
     for k, link in enumerate(links):

@@ -56,8 +56,7 @@ def left(page: Page) -> None:
 def test_a_controller_of_a_headset_steers_while_its_trigger_is_held(
     console: tuple[Any, str],
 ) -> None:
-    if not IWER.exists():
-        pytest.skip(f"{IWER.name} is missing: npm ci installs the emulated headset")
+    assert IWER.exists(), f"{IWER.name} is missing: npm ci installs the emulated headset"
     install = "window.device = new IWER.XRDevice(IWER.metaQuest3);"
     install += "device.installRuntime({forceInstall: true});"
     install += "window.guessed = false;"  # iwer says of each position that it is a guess

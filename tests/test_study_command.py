@@ -128,8 +128,11 @@ def test_people_of_a_study_use_the_instrument_that_is_given(
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("nosuchfolder", "no folder of rcmqp trial and no scenario of this name; rcmqp scenarios"),
-        ("camera_tsk", "no folder of rcmqp trial and no scenario of this name; did you mean cam"),
+        (
+            "nosuchfolder",
+            "is neither a folder made by rcmqp trial nor the name of a scenario; rcmqp scenarios",
+        ),
+        ("camera_tsk", "nor the name of a scenario; did you mean cam"),
         (".", "the folder has no study.json; give a folder that rcmqp trial made"),
     ],
 )

@@ -186,7 +186,7 @@ def _check_known(scenario: str) -> None:
         )
     close = difflib.get_close_matches(scenario, scenario_names(), n=1, cutoff=0.7)
     raise OptionError(
-        f"{scenario}: there is no folder of rcmqp trial and no scenario of this name"
+        f"{scenario} is neither a folder made by rcmqp trial nor the name of a scenario"
         + (f"; did you mean {close[0]}?" if close else "; rcmqp scenarios lists the scenarios")
     )
 
