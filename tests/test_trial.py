@@ -342,6 +342,14 @@ def test_a_typed_file_that_is_not_the_studys_is_refused_before_it_runs(
     assert not mark.exists()
 
 
+def test_a_study_does_not_say_in_which_folder_a_file_of_a_controller_is(tmp_path: Path) -> None:
+    (tmp_path / "law.py").write_text("", encoding="utf-8")
+    setting = f"{tmp_path / 'law.py'}:MyLaw"
+    text = design(own_laws={"mine": (setting, file_sha256(setting))}).to_json()
+    assert "law.py:MyLaw" in text
+    assert str(tmp_path) not in text
+
+
 @pytest.mark.parametrize("laws", [(), (Law(), Law())])
 def test_controllers_are_given_and_differ(laws: tuple[Law, ...]) -> None:
     with pytest.raises(OptionError, match="each given once"):

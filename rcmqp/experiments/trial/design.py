@@ -194,8 +194,10 @@ class Design:
             raise OptionError(self._changed_scenario())
 
     def to_json(self) -> str:
-        """As a file keeps it."""
-        data = dataclasses.asdict(self) | {"laws": [law.to_json() for law in self.laws]}
+        """As a file keeps it: files of controllers without their folders, which are private."""
+        own = {name: (Path(file).name, sha256) for name, (file, sha256) in self.own_laws.items()}
+        laws = [law.to_json() for law in self.laws]
+        data = dataclasses.asdict(self) | {"laws": laws, "own_laws": own}
         return json.dumps(data, indent=1) + "\n"
 
     @classmethod
