@@ -9,6 +9,7 @@ import joblib
 import pytest
 
 from rcmqp import Arm, Insertion, Instrument, Run, Scenario, arm_names, load_arm, load_scenario
+from rcmqp.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
     from helpers import Call
@@ -64,6 +65,15 @@ def insertion() -> Insertion:
 def helix() -> Scenario:
     """The paper's helix on the LWA3."""
     return load_scenario("conical_helix", "lwa3")
+
+
+@pytest.fixture(autouse=True)
+def _no_controllers_left() -> Iterator[None]:
+    """Remove the controllers that a test registers."""
+    before = set(CONTROLLERS)
+    yield
+    for name in set(CONTROLLERS) - before:
+        del CONTROLLERS[name]
 
 
 @pytest.fixture(scope="module")

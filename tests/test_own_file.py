@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,14 +34,10 @@ class Stiller(Still):
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A folder of its own, and the controllers as they were."""
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of its own."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rcmqp.experiments.compare._draw", lambda *_: None)
-    before = set(CONTROLLERS)
-    yield
-    for name in set(CONTROLLERS) - before:
-        del CONTROLLERS[name]
 
 
 def call(*arguments: str) -> int:
