@@ -196,7 +196,7 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
     n, exchange, found = lower.size, constant("EXCHANGE"), list[Stacked]()
     v, Z = np.clip(np.zeros(n), lower, upper), np.eye(n)[:, lower < upper]
     H, h, shift = np.zeros((0, n)), np.zeros(0), np.zeros(0)
-    strict, above = np.zeros((0, n)), list[Level]()
+    strict, above, aims = np.zeros((0, n)), list[Level](), list[Array]()
 
     def solved(*rows: tuple[Array, Array]) -> Stacked:
         M, c = np.vstack([A for A, _ in rows]), np.concatenate([b for _, b in rows])
@@ -212,11 +212,18 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
             best = v + Z @ y
         return Stacked(M, c, Z, best)
 
+    def unserved(asked: list[Array], at: Array) -> float:
+        """How far v is from what the damped levels above ask for, over their damping."""
+        missing = [(x.A @ at - b) / x.damping for x, b in zip(above, asked, strict=True)]
+        return float(np.linalg.norm(np.concatenate([np.zeros(1), *missing])))
+
     def wished(level: Level, at: Array) -> Array:
         """b, less where the damped levels above are not served."""
-        missing = [(x.A @ at - x.b) / x.damping for x in above]
-        left = float(np.linalg.norm(np.concatenate([np.zeros(1), *missing])))
+        left = unserved([x.b for x in above], at)
         return np.asarray(level.b / (1.0 + left / constant("GIVES_WAY")))
+
+    def held_back(by: float) -> float:
+        return max(by - constant("KEPT_FROM"), 0.0) / constant("HELD_BACK")
 
     for k, level in enumerate((*p.levels, Level(np.eye(n), np.zeros(n)))):
         d, still = level.damping, np.zeros(n if level.damping else 0)
@@ -236,15 +243,17 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
         else:
             start = free[-1].v
             out = float(np.linalg.norm(start - np.clip(start, lower, upper)))
-            more = 0.0
+            x, aim = 0.0, level.A @ start
             for _ in range(2 if p.sluggish else 1):
-                held = speed_rows(level.A, Z, math.sqrt(more), exchange * H)
+                held = speed_rows(level.A, Z, d * math.sqrt(x), exchange * H)
                 rows = np.vstack([d * Z.T, held])
                 one = Stacked(Z.T, still, Z, start / (1.0 + out / constant("FAR_OUT")))
                 for _ in range(int(constant("PROXIMAL"))):
-                    one = solved((level.A, level.A @ start), (rows, rows @ one.v), (H, h))
-                left = float(np.linalg.norm(level.A @ (one.v - start))) / d
-                more = max(left - constant("KEPT_FROM"), 0.0) / constant("HELD_BACK") * d * d
+                    one = solved((level.A, aim), (rows, rows @ one.v), (H, h))
+                x = held_back(float(np.linalg.norm(level.A @ one.v - aim)) / d)
+                if not x > 0.0:
+                    break
+                aim = level.A @ start / (1.0 + held_back(unserved(aims, v)) * x / (1.0 + x))
         found.append(one)
         v = one.v
         if level.damping > 0.0:
@@ -254,6 +263,7 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
             shift = np.concatenate([shift, rows @ moved])
             if k >= guarded:
                 above.append(level)
+                aims.append(level.b if free is None else aim)
         else:
             Z = nothing_of(strict, lower < upper)
     return found

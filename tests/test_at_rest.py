@@ -21,6 +21,8 @@ VIEWS = [
 ]
 """At or near singularities, or at joint limits."""
 
+OUT_OF_REACH = (-0.1364, 0.7338, 1.3399, 0.0243)
+
 
 def swing(arm: str, view: tuple[float, float, float, float], damping: float | None) -> float:
     """How far a joint's speed swings in the last second, as a share of its limit."""
@@ -52,3 +54,13 @@ def test_a_held_view_comes_to_rest_where_strict_levels_swing_for_ever(
     """Without assumed limits: below 1e-3 of the limit; strict levels 1.7 to 2.0, end to end."""
     assert swing(arm, view, None) < 1e-3
     assert swing(arm, view, 0.0) > 0.5
+
+
+@pytest.mark.parametrize("period", [1e-3, 4e-3])
+def test_roll_below_a_tip_out_of_reach_does_not_swing(period: float) -> None:
+    """Joint 6 of the LWA3 is at its limit; the roll alone was asked to go on as it went."""
+    path = ViewMoves(views=(OUT_OF_REACH,), move=MOVE)
+    scenario = load_scenario("view_steps", "lwa3", path=path, duration=MOVE + HOLD, period=period)
+    run = simulate(scenario, HierarchicalQP(scenario.insertion(), period, gain=130.0))
+    last = run.v[-round(1.0 / period) :] / run.velocity_limit
+    assert np.ptp(last, axis=0).max() < 1e-3

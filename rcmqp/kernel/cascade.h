@@ -31,13 +31,18 @@
  * with v_j what the damped levels above have reached, and s going from one to zero as v0 leaves the
  * box, so that joints in the way do not drive others that gain nothing. Where joints have limits of
  * acceleration and the bounds keep m of A v0 from the level in the end, the steps are made once more
- * with d^2 + L_m^2 in place of d^2, L_m being L for the damping d sqrt((m / d - 5e-5) / 0.006 rad/s):
- * near the v that serves a blocked level best, d alone would ask for great speeds to and fro, faster
- * than such joints can turn round. Every step is a projection on a convex set in a norm that changes
- * continuously; where v0 keeps the bounds, all steps stay there. So the answer is continuous through
- * the change from one form to the other too. It is not where hard rows change places with a guarded
- * level (hierarchy.h), where a guarded level cannot be reached inside the box, or with a strict level
- * between damped ones or two strict ones below. In the directions that the bounds leave, a singular
+ * with d^2 + L_m^2 in place of d^2, L_m being L for the damping d sqrt(x), x = (m / d - 5e-5) / 0.006
+ * with m / d in rad/s: near the v that serves a blocked level best, d alone would ask for great
+ * speeds to and fro, faster than such joints can turn round. And where the bounds keep the damped
+ * levels above from what they aim at, by m_j, x' being that of the norm of all m_j / d_j, the level
+ * then aims at A v0 / (1 + x' x / (1 + x)) only: it is asked for its rate now and a little more
+ * (approach.c), so nothing would brake a motion that those levels do not mind, and it would swing.
+ *
+ * Every step is a projection on a convex set in a norm that changes continuously; where v0 keeps the
+ * bounds, all steps stay there. So the answer is continuous through the change from one form to the
+ * other too. It is not where hard rows change places with a guarded level (hierarchy.h), where a
+ * guarded level cannot be reached inside the box, or with a strict level between damped ones or two
+ * strict ones below. In the directions that the bounds leave, a singular
  * value sigma loses (d^2 / (d^2 + sigma^2))^PROXIMAL of what is to be made up for.
  *
  * A damped level takes nothing out of Z; the last term holds later levels to what it has reached.

@@ -30,8 +30,9 @@
  * their damping [rad/s]. */
 #define GIVES_WAY 0.003
 
-/* Speed costs a damped level more where bounds keep it from its goal by more than the first of
- * these, over its damping, and twice as much by the second more [rad/s]. */
+/* Where bounds keep a damped level from its aim by more than the first of these, over its damping,
+ * speed costs it more, twice as much by the second more; and the damped levels below it, where they
+ * are kept from theirs too, ask for half as much [rad/s]. */
 #define KEPT_FROM 5e-5
 #define HELD_BACK 0.006
 
@@ -178,19 +179,27 @@ static double missing(const Level *level, const double *v, int n)
     return sqrt(total);
 }
 
+/* How far v is from what the damped levels above level k ask for in `asked`, over their damping. */
+static double unserved(const Hierarchy *hierarchy, const Descent *descent, const double *asked,
+                       const double *v, int k)
+{
+    double total = 0.0;
+    for (int j = hierarchy->guarded + 1; j < k; ++j) {
+        if (!(descent->damping[j] > 0.0)) continue;
+        const Level above = level_of(hierarchy, descent, asked, j);
+        const double speed = missing(&above, v, hierarchy->n) / above.damping;
+        total += speed * speed;
+    }
+    return sqrt(total) * descent->unit;
+}
+
 /* The wish of a strict level below damped ones, less where v does not serve these. */
 static void give_way(const Hierarchy *hierarchy, Descent *descent, const double *v, int k)
 {
     const int first = first_row(hierarchy, k), rows = rows_of(hierarchy, k);
-    double total = 0.0;
     if (k <= hierarchy->guarded || descent->damping[k] > 0.0) return;
-    for (int j = 1; j < k; ++j) {
-        if (j <= hierarchy->guarded || !(descent->damping[j] > 0.0)) continue;
-        const Level above = level_of(hierarchy, descent, descent->goal, j);
-        const double speed = missing(&above, v, hierarchy->n) / above.damping;
-        total += speed * speed;
-    }
-    const double share = 1.0 / (1.0 + sqrt(total) * descent->unit / GIVES_WAY);
+    const double share =
+        1.0 / (1.0 + unserved(hierarchy, descent, descent->goal, v, k) / GIVES_WAY);
     for (int i = first; i < first + rows; ++i) descent->aim[i] = share * descent->goal[i];
 }
 
@@ -405,7 +414,11 @@ static Route approach_open(Work *work, Level *level, int k, int *rounds, Arena *
     return route;
 }
 
-/* A damped level inside bounds; where they keep it from its goal, once more with more damping. */
+/* How much bounds count that keep a damped level from its aim by so much [rad/s]. */
+static double held_back(double by) { return larger(0.0, by - KEPT_FROM) / HELD_BACK; }
+
+/* A damped level inside bounds; where they keep it from its aim, once more with more damping, and a
+ * smaller aim where they keep the damped levels above from theirs. */
 static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
 {
     Descent *descent = work->descent;
@@ -420,7 +433,10 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
     const double left = missing(&level, state->v, n) * descent->unit / level.damping;
     if (!work->hierarchy->sluggish || work->failed || route == KEPT || !(left > KEPT_FROM))
         return route;
-    level.speed *= sqrt(1.0 + (left - KEPT_FROM) / HELD_BACK);
+    const double more = held_back(left);
+    const double above = unserved(work->hierarchy, descent, descent->aim, work->before, k);
+    level.speed *= sqrt(1.0 + more);
+    for (int i = 0; i < level.m; ++i) aim[i] /= 1.0 + held_back(above) * more / (1.0 + more);
     go_back(descent, work->before, k);
     descent->doubts[k] = 0; /* of the steps that are taken back */
     active_set(multipliers_of(work, k), N, work->proposed);

@@ -58,9 +58,10 @@ class Hierarchy:
     and the A_j Z / d_j. If that breaks a bound in the end, each damped level goes, inside the
     bounds, three proximal steps from the v without bounds towards its A v there; where the joints
     are ``sluggish`` and bounds keep a part of that from it, with more damping, the more, the
-    larger the part. With strict levels above damped ones and one below, v is continuous in the
-    levels and the bounds, except where guarded levels are not reached; see kernel/cascade.h for
-    the formulas and constants.
+    larger the part, and towards less where they keep the damped levels above from theirs. With
+    strict levels above damped ones and one below, v is continuous in the levels and the bounds,
+    except where guarded levels are not reached; see kernel/cascade.h for the formulas and
+    constants.
 
     A strict level below damped ones asks for less, b / (1 + m / 0.003), where these are not
     served, with m^2 = sum_j |A_j v - b_j|^2 / d_j^2.
@@ -130,7 +131,8 @@ class Hierarchy:
             guarded: how many of the first levels hard rows may not keep from their goal: where
                 the box alone would let these levels be reached, the rows come after them.
             sluggish: whether joints cannot turn round at once, as with limits of acceleration:
-                damped levels that bounds keep from their goal weigh speed more.
+                damped levels that bounds keep from their goal weigh speed more, and those
+                below such levels ask for less.
 
         Raises:
             InvalidProblem: shapes that do not fit, or ``rest`` not finite.
