@@ -114,7 +114,8 @@ class Session:
     def see(self, state: ArmState) -> None:
         """Take the state that was measured; every sixtieth of a second, tell the pages."""
         self.steering.see(state)
-        self.goals.see(self._time, self._insertion.tip(state.x))
+        if self.goals.left:
+            self.goals.see(self._time, self._insertion.tip(state.x))
         if self._cycle % self._every == 0:
             self._tell(state)
         self._cycle += 1
