@@ -89,8 +89,15 @@ def tip(page: Page) -> Any:
 GAMEPAD = """
 window.pad = null;
 navigator.getGamepads = () => [pad];
-window.push = (axes) =>
-  (pad = { axes, buttons: Array.from({ length: 8 }, (_, i) => ({ pressed: i === 5 })) });
+window.push = async (axes) => {
+  const plug = (held) =>
+    (pad = { axes, buttons: Array.from({ length: 8 }, (_, i) => ({ pressed: held && i === 5 })) });
+  if (!pad) {
+    plug(false);
+    await new Promise((go) => setTimeout(go, 300)); // the page has to see that it is let go
+  }
+  plug(true);
+};
 window.unplug = () => (pad = null);
 """
-"""A stand-in gamepad whose shoulder is held while it is pushed."""
+"""A stand-in gamepad: push() plugs it in if it is not, and holds its shoulder."""

@@ -156,6 +156,28 @@ def test_rotation_and_rotate_agree_with_scipy() -> None:
         assert_allclose(dq.rotate(dq.rotation(axis, angle), p), expected, rtol=0, atol=1e-14)
 
 
+def test_place_is_pinocchios_act() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        aMb, p = random_placement(rng), rng.normal(size=3)
+        assert_allclose(dq.place(dq.from_se3(aMb), p), aMb.act(p), rtol=0, atol=1e-14)
+
+
+def test_one_element_and_a_row_of_many_have_the_same_bits() -> None:
+    rng = np.random.default_rng(4)
+    x, y, p = rng.normal(size=(9, 8)), rng.normal(size=(9, 8)), rng.normal(size=(9, 3))
+    for many, one in (
+        (
+            dq.quaternion_mul(x[:, :4], y[:, :4]),
+            [dq.quaternion_mul(a[:4], b[:4]) for a, b in zip(x, y, strict=True)],
+        ),
+        (dq.rotate(x[:, :4], p), [dq.rotate(a[:4], b) for a, b in zip(x, p, strict=True)]),
+        (dq.translation(x), [dq.translation(a) for a in x]),
+        (dq.place(x, p), [dq.place(a, b) for a, b in zip(x, p, strict=True)]),
+    ):
+        assert np.array_equal(many, np.array(one))
+
+
 def test_is_unit_accepts_poses_and_nothing_else() -> None:
     rng = np.random.default_rng(7)
     x = random_pose(rng)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import signal
 import sys
 import time
@@ -28,10 +29,12 @@ from at_the_console import (
 from served import served
 from test_urdf import urdf
 
-from rcmqp import Scenario
+from rcmqp import Run, Scenario
 from rcmqp.cli import main
+from rcmqp.errors import OptionError
 from rcmqp.live.console import LiveReport, latency_row
 from rcmqp.live.steering import RELEASED
+from rcmqp.realtime.system import processors, real_time_priority
 from rcmqp.show.viewer.browser import PATIENCE, browser
 from rcmqp.show.viewer.build import write_page
 
@@ -194,6 +197,72 @@ def test_a_page_says_that_it_is_over_and_whether_the_connection_was_lost() -> No
             window.close()
 
 
+def test_the_loop_is_before_ordinary_processes_where_permitted_and_nothing_else_is(
+    tmp_path: Path,
+) -> None:
+    real_time = processors() > 1
+    try:
+        with real_time_priority():
+            pass
+    except OptionError:
+        real_time = False
+
+    def children(pid: int) -> list[int]:
+        return [*map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]
+
+    with served("live", "--arm", ARM, "--out", str(tmp_path / "run.h5")) as (process, _):
+        (loop,) = children(process.pid)
+        (writer,) = children(loop)
+        threads = [int(thread) for thread in os.listdir(f"/proc/{loop}/task")]
+        found = {os.sched_getscheduler(thread) for thread in threads}
+        assert found == {os.SCHED_FIFO if real_time else os.SCHED_OTHER}
+        for pid in (process.pid, writer):
+            assert os.sched_getscheduler(pid) == os.SCHED_OTHER
+        process.send_signal(signal.SIGINT)
+        assert process.stdout is not None
+        report = process.stdout.read()
+    assert f"| priority | {'real-time (SCHED_FIFO' if real_time else 'ordinary, as'}" in report
+
+
+def test_a_page_without_a_graphics_card_says_so_and_draws_only_what_has_changed() -> None:
+    """And that the loop is slow, if it is; the browser of the tests draws in software."""
+    skipped = 0.0
+    with served("live", "--arm", ARM) as (_, address), browser() as chromium:
+        window = chromium.new_context(viewport={"width": 320, "height": 400})
+
+        def between(ws: WebSocketRoute) -> None:
+            def changed(text: str | bytes) -> None:
+                words = json.loads(text)
+                if words["kind"] == "state":
+                    words["skipped"] = skipped
+                ws.send(json.dumps(words))
+
+            server = ws.connect_to_server()
+            server.on_message(changed)
+
+        window.route_web_socket("**/hand*", between)
+        page, errors = opened(window, address)
+        light, why = page.locator("#light"), page.locator("#why")
+        assert light.get_attribute("aria-pressed") == "true"
+        assert (why.text_content() or "").startswith("no graphics card")
+        page.wait_for_timeout(1000.0)
+        before = page.evaluate("rcmqp.draws")
+        page.wait_for_timeout(1000.0)
+        assert page.evaluate("rcmqp.draws") == before > 0  # the arm is at rest
+        assert page.locator("#slow").is_hidden()
+        skipped = 0.3
+        until(page.locator("#slow").is_visible, "to be told that the loop is slow")
+        said = "This computer is too busy: the arm moves 30 % slower than it should."
+        assert page.locator("#slow").text_content() == said
+        skipped = 0.01
+        until(page.locator("#slow").is_hidden, "the loop to be in time again")
+        light.click(timeout=1e3 * PATIENCE)
+        assert light.get_attribute("aria-pressed") == "false"
+        assert why.text_content() == ""
+        until(lambda: page.evaluate("rcmqp.draws") > before, "a finer picture")
+        assert errors == []
+
+
 def test_without_the_extra_it_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -251,6 +320,29 @@ def test_a_urdf_goes_with_its_flange_and_limits(
     assert ended.value.code == 0
     arm = begun[0].insertion().arm
     assert (arm.flange, set(arm.acceleration), set(arm.jerk)) == ("l7", {8.0}, {400.0})
+
+
+def test_a_law_of_ones_own_steers(tmp_path: Path) -> None:
+    own, file = tmp_path / "own.py", tmp_path / "run.h5"
+    own.write_text(
+        "from dataclasses import dataclass\n"
+        "from rcmqp.controllers.hierarchical_qp import HierarchicalQP\n"
+        "@dataclass(frozen=True, eq=False)\n"
+        "class MyLaw(HierarchicalQP):\n"
+        "    mine: float = 1.0\n"
+    )
+    law = f"{own}:MyLaw:mine=2"
+    with served("live", "--arm", ARM, "-c", law, "--set", "gain=7", "--out", str(file)) as (
+        process,
+        _,
+    ):
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        assert process.stdout is not None
+        report = process.stdout.read()
+    assert "| controller | my_law |" in report
+    run = Run.load(file)
+    assert (run.controller, run.options["mine"], run.options["gain"]) == ("my_law", 2.0, 7.0)
 
 
 def test_latencies_of_nothing_are_a_dash() -> None:

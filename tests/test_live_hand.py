@@ -15,6 +15,7 @@ import rcmqp
 from rcmqp.errors import OptionError
 from rcmqp.live.messages import Hand
 from rcmqp.live.page_hand import PageHand
+from rcmqp.live.session import RECENT, Pace
 from rcmqp.live.steering import LEASH, Held, Steering
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
@@ -43,6 +44,26 @@ def seen(insertion: rcmqp.Insertion, view: ViewCommand, point: Array) -> Array:
     oMe = dq.to_se3(view_pose(insertion.x_rcm, view).x_d)
     x, y, z = oMe.actInv(point) - np.array([0.0, 0.0, insertion.tip_depth])
     return np.array([x / z, y / z])
+
+
+# The pace ----------------------------------------------------------------------------------
+
+
+def test_the_pace_is_that_of_the_last_seconds() -> None:
+    pace, cycles, found = Pace(T), 0, list[float]()
+    for k in range(600):  # 60 times a second: in time, then half of all cycles, then in time
+        cycles += (16, 8, 16)[k // 200]
+        found.append(pace.skipped(0.016 * (k + 1), cycles))
+    assert found[:200] == pytest.approx([0.0] * 200, abs=1e-12)
+    assert found[399] == pytest.approx(0.5, abs=0.01)
+    assert found[200 + round(RECENT / 0.016)] == pytest.approx(0.5, abs=0.01)
+    assert found[-1] == pytest.approx(0.0, abs=1e-12)
+    assert max(found) < 0.51
+
+
+def test_a_loop_that_has_just_begun_has_no_pace() -> None:
+    pace = Pace(T)
+    assert pace.skipped(0.0, 0) == pace.skipped(0.4 * RECENT, 1) == 0.0
 
 
 # The picture -------------------------------------------------------------------------------

@@ -24,7 +24,8 @@ from rcmqp.realtime.loopback import ArmLost, LoopbackReport, Readings, UdpArm, r
 from rcmqp.realtime.packets import Kind, Packets, new_key
 from rcmqp.realtime.report import LoopReport, Stop
 from rcmqp.realtime.simulated_arm import HOST, PATIENCE, TOO_OLD, Account, Box, insertion_of
-from rcmqp.realtime.system import PRIORITY, real_time_priority
+from rcmqp.realtime.system import PRIORITY, priority_if_permitted, real_time_priority
+from rcmqp.runs.loop_writer import step_back
 
 T = 0.001
 V = np.full(7, 0.1)
@@ -263,6 +264,51 @@ def test_real_time_priority_that_is_not_permitted_says_what_to_do(
     monkeypatch.setattr("os.sched_setscheduler", refused)
     with pytest.raises(OptionError, match="become root, raise rtprio"), real_time_priority():
         pass
+
+
+@pytest.mark.parametrize(
+    ("processors", "permitted", "words"),
+    [
+        (2, True, f"real-time (SCHED_FIFO {PRIORITY})"),
+        (
+            2,
+            False,
+            "ordinary, as real-time priority is not permitted; rcmqp doctor says what to do",
+        ),
+        (1, True, "ordinary, as there is one processor only"),
+    ],
+)
+def test_real_time_priority_is_taken_where_it_is_permitted_and_others_can_go_on(
+    processors: int, permitted: bool, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_to = list[tuple[Any, ...]]()
+
+    def asked(*values: Any) -> None:
+        if not permitted:
+            raise PermissionError
+        set_to.append(values)
+
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(processors)))
+    monkeypatch.setattr("os.sched_getscheduler", lambda _: "usual")
+    monkeypatch.setattr("os.sched_getparam", lambda _: "as before")
+    monkeypatch.setattr("os.sched_setscheduler", asked)
+    taken = [(0, os.SCHED_FIFO, os.sched_param(PRIORITY)), (0, "usual", "as before")]
+    with priority_if_permitted() as found:
+        assert found == words
+    assert set_to == (taken if "SCHED_FIFO" in words else [])
+
+
+@pytest.mark.parametrize("inherited", [os.SCHED_FIFO, os.SCHED_OTHER])
+def test_the_process_that_writes_is_never_before_ordinary_ones(
+    inherited: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = list[tuple[Any, ...]]()
+    monkeypatch.setattr("os.sched_getscheduler", lambda _: inherited)
+    monkeypatch.setattr("os.sched_setscheduler", lambda *values: done.append(values))
+    monkeypatch.setattr("os.nice", lambda by: done.append((by,)))
+    step_back()
+    real_time = inherited == os.SCHED_FIFO
+    assert done == [(0, os.SCHED_OTHER, os.sched_param(0)) if real_time else (5,)]
 
 
 def test_the_loopback_accounts_for_every_command_and_ends_at_rest() -> None:

@@ -30,11 +30,28 @@ from rcmqp import (
 )
 from rcmqp.controllers.braking import Brake, braking, nearest
 from rcmqp.qp import InvalidProblem, WrongShape
+from rcmqp.realtime.checks import CommandCheck
 from rcmqp.world.arm import ArmState
 
 
 def without_jerk_limits() -> Insertion:
     return load_scenario("conical_helix", "lwa3", jerk=math.inf).insertion()
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_joints_at_rest_may_stay_at_rest_wherever_they_are(name: str) -> None:
+    """Brake answers zero there without its box, and CommandCheck lets zero through."""
+    insertion, rng = inserted(name), np.random.default_rng(7)
+    arm, brake, zero = insertion.arm, Brake(insertion, T), np.zeros(insertion.arm.nv)
+    bounds = np.clip(arm.lower, -4.0, None), np.clip(arm.upper, None, 4.0)
+    for k in range(50):
+        angles = rng.uniform(bounds[0] - 0.5, bounds[1] + 0.5)
+        angles[k % arm.nv] = (arm.lower, arm.upper, zero * math.nan)[k % 3][k % arm.nv]
+        lower, upper = brake.box(angles, zero, zero)
+        assert (lower <= 0.0).all()
+        assert (upper >= 0.0).all()
+        assert np.array_equal(brake.velocity(angles, zero, zero), zero)
+        assert np.array_equal(CommandCheck(brake, "law").passed(zero, angles, zero, zero), zero)
 
 
 @every_controller

@@ -31,6 +31,8 @@ ENDED: dict[str, Any] = {
     "recorded_whole": True,
     "reached": [1.0] * len(TASK.places),
     "latency": {},
+    "priority": "ordinary, as there is one processor only",
+    "skipped": 0.25,
 }
 
 
@@ -118,6 +120,7 @@ def test_the_notes_say_which_devices_steered_the_attempt_that_counts(
     notes = Folder(tmp_path).notes("P01", 1)
     assert notes is not None
     assert notes["device"] == ["mouse", "haply"]
+    assert notes["loop"] == {"priority": ENDED["priority"], "skipped": 0.25}
 
 
 def test_only_an_attempt_that_began_is_counted(

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rcmqp.cli import options as ask
 from rcmqp.cli.console import err, out
 from rcmqp.cli.opening import opening
-from rcmqp.controllers.settings import options_of
+from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import ToolMissing
 from rcmqp.live import LOCAL
 from rcmqp.runs.loading import load_scenario
@@ -31,7 +31,10 @@ def live(
         ),
     ] = None,
     controller: Annotated[
-        str, typer.Option("--controller", "-c", help="Name (see rcmqp controllers).")
+        str,
+        typer.Option(
+            "--controller", "-c", help="Name (see rcmqp controllers), or FILE.py[:CLASS]."
+        ),
     ] = "hierarchical_qp",
     flange: ask.FlangeOption = None,
     acceleration: ask.AccelerationOption = None,
@@ -66,18 +69,23 @@ def live(
 
       rcmqp live camera_task --arm panda --out session.h5, and then rcmqp view session.h5
 
+      rcmqp live -c my_law.py
+
       rcmqp live --arm my_robot.urdf --flange tool0 --acceleration 8 --jerk 400
 
     The arm moves only while you hold on. Ctrl-C ends the session, with the arm at rest, and
     prints what was counted. Ends with exit code 1 where the loop stopped by itself.
     """
+    from rcmqp.experiments.trial.design import file_of
+
     try:
         from rcmqp.live.console import run_live
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets"):
             raise
         raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
-    options = options_of(controller, settings or [])
+    name, options = controller_of(registered(controller), settings or [])
+    law_file = file_of(controller) if FILE_SETTING.fullmatch(controller) else None
     given = ask.limits_of(acceleration, jerk).given() | ask.instrument_of(instrument)
     chosen = load_scenario(scenario, arm, flange=flange, **given)
     if host not in LOCAL:
@@ -98,8 +106,9 @@ def live(
 
         report = run_live(
             chosen,
-            controller,
+            name,
             options,
+            law_file=law_file,
             scale=scale,
             viscosity=viscosity,
             host=host,

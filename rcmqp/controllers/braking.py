@@ -112,6 +112,8 @@ class Brake:
             JointLimits(arm, period, braking=1.0, easing=1.0),
             JointLimits(arm, period),
         )
+        self._ranges = [box.table[:2] for box in self._boxes]
+        self._one_range = np.array_equal(self._ranges[0], self._ranges[1])
         self._rcm = RcmTask(gain=min(GAIN, 0.5 / period), period=period)
         self._hierarchy = Hierarchy("active_set")
 
@@ -143,6 +145,8 @@ class Brake:
             alone: each joint stops as fast as it can, not in proportion with the others.
         """
         arm, T = self.insertion.arm, self.period
+        if stays(v, a):
+            return np.zeros(arm.nv)
         v, a = believed(arm, known(v), known(a), T)
         lower, upper = self.box(angles, v, a)
         at_rest = (lower <= NOTHING) & (upper >= -NOTHING) & (np.abs(v) <= arm.jerk * T**2)
@@ -180,11 +184,11 @@ class Brake:
 
         Angles, v and a are those of velocity().
         """
-        found, angles = [], np.where(np.isfinite(angles), angles, np.nan)
-        for box in self._boxes:
-            inside = np.clip(angles, box.table[0], box.table[1])  # NaN stays
-            found.append(box.interval(inside, v, a))
-        (lower, upper), (low, up) = found
+        angles = np.where(np.isfinite(angles), angles, np.nan)
+        (one, other), (first, second) = self._boxes, self._ranges
+        inside = _clipped(angles, first)
+        lower, upper = one.interval(inside, v, a)
+        low, up = other.interval(inside if self._one_range else _clipped(angles, second), v, a)
         return np.minimum(lower, low), np.maximum(upper, up)
 
     def _together(self, v: Array, a: Array) -> Array:
@@ -208,6 +212,16 @@ def nearest(state: ArmState, pivot: Array) -> Array:
     """Where (3,) in the world the shaft is nearest to the trocar (3,) [m]."""
     depth = state.oMe.actInv(np.asarray(pivot, dtype=float))[2]
     return np.asarray(state.oMe.act(np.array([0.0, 0.0, depth])))
+
+
+def _clipped(angles: Array, ends: Array) -> Array:
+    """Angles (nv,) between both ``ends`` (2, nv); NaN stays. np.clip() takes longer."""
+    return np.asarray(np.minimum(np.maximum(angles, ends[0]), ends[1]))
+
+
+def stays(*changes: Array) -> bool:
+    """Whether all numbers are zero: joints at rest may always stay at rest."""
+    return not any(any(numbers.tolist()) for numbers in changes)
 
 
 def known(numbers: Array) -> Array:

@@ -46,6 +46,7 @@ def run_live(
     host: str = LOCAL[0],
     port: int = 0,
     out: Path | None = None,
+    law_file: str | None = None,
     started: Callable[[str], None] = lambda address: None,
 ) -> LiveReport:
     """Serve the console until Ctrl-C, or until the loop stops by itself.
@@ -59,6 +60,8 @@ def run_live(
         host: the interface to listen on.
         port: to listen at; 0 for any that is free.
         out: file to record the session into.
+        law_file: FILE.py:CLASS of a controller of one's own, which is registered here; the loop's
+            process takes it from there.
         started: is called with the address of the page, which has the token.
 
     Raises:
@@ -71,7 +74,7 @@ def run_live(
     token, text = secrets.token_urlsafe(16), page(scenario, controller, options)
     header = {
         "scenario": scenario.to_json(carry=True),
-        "controller": controller,
+        "controller": law_file or controller,
         "options": options,
         "hand": {"scale": scale, "viscosity": viscosity},
         "out": None if out is None else str(out),

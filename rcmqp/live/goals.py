@@ -35,6 +35,11 @@ class Goals:
         """Whether there were any, and all are reached."""
         return 0 < len(self.places) == len(self.reached)
 
+    @property
+    def left(self) -> bool:
+        """Whether there is one that is not reached."""
+        return len(self.reached) < len(self.places)
+
     def see(self, t: float, tip: Array) -> None:
         """The tip (3,) is in the world [m] at ``t`` [s]; one place at most is reached then."""
         k = len(self.reached)

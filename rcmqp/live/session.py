@@ -8,6 +8,7 @@ states go, by a socket that it inherits.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import gc
 import json
 import math
@@ -15,6 +16,7 @@ import socket
 import sys
 import threading
 import time
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,7 @@ from rcmqp.live.steering import Held, Steering
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.realtime.latency import Latency, LatencyCounter
 from rcmqp.realtime.loop import RealtimeLoop
+from rcmqp.realtime.system import priority_if_permitted
 from rcmqp.references.governor import tip_distance
 from rcmqp.references.paths import Search
 from rcmqp.references.view import Stamped
@@ -40,6 +43,9 @@ from rcmqp.world.insertion import Insertion
 LONGEST = 86400.0
 """A session ends after a day [s]."""
 
+
+RECENT = 3.0
+"""The pages are told what share of the cycles of so long was skipped [s]."""
 
 LATENESS = 10.0
 """How late a cycle may be [s]: the simulated arm waits for it."""
@@ -72,6 +78,29 @@ class SimulatedArm:
         self.sent_at = time.monotonic()
 
 
+class Pace:
+    """How many cycles of the last RECENT seconds were skipped."""
+
+    def __init__(self, period: float) -> None:
+        """Nothing has been run yet."""
+        self._period, self._marks = period, deque[tuple[float, int]]()
+
+    def skipped(self, t: float, cycles: int) -> float:
+        """The share that is missing at ``t`` [s], of those due since RECENT; 0 at the start.
+
+        Args:
+            t: by the clock, not before the last one.
+            cycles: that were run until then.
+        """
+        self._marks.append((t, cycles))
+        while len(self._marks) > 1 and self._marks[1][0] <= t - RECENT:
+            self._marks.popleft()
+        began, before = self._marks[0]
+        if t - began < 0.5 * RECENT:
+            return 0.0
+        return max(0.0, 1.0 - (cycles - before) * self._period / (t - began))
+
+
 class Session:
     """Gives the loop its references, and the pages what the arm does.
 
@@ -101,6 +130,7 @@ class Session:
         self._time, self._cycle = 0.0, 0
         self._every = max(1, math.floor(1.0 / (FRAME_RATE * period) + 1e-9))
         self._followed = self._commanded = math.nan
+        self._pace = Pace(period)
 
     def __call__(self, t: float) -> Stamped:
         """The reference at ``t`` [s]."""
@@ -114,7 +144,8 @@ class Session:
     def see(self, state: ArmState) -> None:
         """Take the state that was measured; every sixtieth of a second, tell the pages."""
         self.steering.see(state)
-        self.goals.see(self._time, self._insertion.tip(state.x))
+        if self.goals.left:
+            self.goals.see(self._time, self._insertion.tip(state.x))
         if self._cycle % self._every == 0:
             self._tell(state)
         self._cycle += 1
@@ -139,6 +170,7 @@ class Session:
             "depth": [float(insertion.depth(state.x, pivot))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,
+            "skipped": round(self._pace.skipped(self._time, self._cycle), 3),
             "viscosity": self.steering.viscosity,
             "reached": self.goals.reached,
         }
@@ -205,7 +237,7 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
             loop.stop()
         return loop.cycle()
 
-    with loop:
+    with priority_if_permitted() as priority, loop:
         say(ready=True)
         begun = bool(sys.stdin.readline())
         threading.Thread(target=listen, daemon=True).start()
@@ -216,7 +248,7 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
         while begun and runs():
             due = max(due + period, time.perf_counter() - period)
             time.sleep(max(0.0, due - time.perf_counter()))
-    report = loop.report()
+    report = dataclasses.replace(loop.report(), priority=priority)
     hand = session.hand
     counted = [
         ("messages that the loop took", str(hand.taken)),
@@ -228,6 +260,8 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
         "recorded": report.recorded,
         "recorded_whole": record is None or record.whole,
         "latency": session.latency(),
+        "priority": report.priority,
+        "skipped": report.skipped / max(1, report.cycles + report.skipped),
         "rows": counted,
         "reached": session.goals.reached,
     }

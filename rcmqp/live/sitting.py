@@ -191,6 +191,7 @@ class Sitting:
             notes["latency_s"] = last["latency"] | {
                 "picture": quantiles(self._console.drawn.latency())
             }
+            notes["loop"] = {name: last[name] for name in ("priority", "skipped")}
             self._folder.keep_notes(self._id, number, notes)
             await asyncio.sleep(READING)
 

@@ -86,7 +86,7 @@ class Steering:
             state = dataclasses.replace(state, felt=True)
         self.resting = not state.engaged or (self.resting and not self._still)
         if self.resting:
-            self._hand.ask(dataclasses.replace(state, engaged=False))
+            self._hand.ask(dataclasses.replace(state, engaged=False) if state.engaged else state)
         else:
             self._still = False
             self.reference = self._follow(self._hand.ask(state), felt=state.felt)

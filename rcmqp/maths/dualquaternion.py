@@ -22,7 +22,8 @@ rotations, which is all that equation (9) needs, the two agree.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -45,14 +46,51 @@ for _constant in (C4, C8, IDENTITY):
     _constant.setflags(write=False)
 
 
+T = TypeVar("T", float, Array)
+
+
+def _hamilton(a: Sequence[T], b: Sequence[T]) -> tuple[T, T, T, T]:
+    """Hamilton's product, number by number or array by array: ij = k, jk = i, ki = j."""
+    a0, a1, a2, a3 = a
+    b0, b1, b2, b3 = b
+    return (
+        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+        a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+        a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+    )
+
+
+def _turned(r: Sequence[T], p: Sequence[T]) -> tuple[T, T, T]:
+    """R p r*, number by number or array by array."""
+    (r0, r1, r2, r3), (p1, p2, p3) = r, p
+    return _hamilton(_hamilton(r, [0.0 * r0, p1, p2, p3]), [r0, -r1, -r2, -r3])[1:]
+
+
+def _moved(x: Sequence[T]) -> tuple[T, T, T]:
+    """D(x) P(x)*, number by number or array by array."""
+    r0, r1, r2, r3 = x[:4]
+    return _hamilton(x[4:], [r0, -r1, -r2, -r3])[1:]
+
+
+def _placed(x: Sequence[T], p: Sequence[T]) -> tuple[T, T, T]:
+    """T + r p r*, number by number or array by array."""
+    (t0, t1, t2), (p0, p1, p2) = _moved(x), _turned(x[:4], p)
+    return 2.0 * t0 + p0, 2.0 * t1 + p1, 2.0 * t2 + p2
+
+
+def _apply(formula: Callable[..., tuple[Any, ...]], *operands: ArrayLike) -> Array:
+    """A formula of the last axis' numbers; of single elements with Python's, which are faster."""
+    arrays = [np.asarray(operand, dtype=float) for operand in operands]
+    if all(array.ndim == 1 for array in arrays):
+        return np.array(formula(*[array.tolist() for array in arrays]))
+    return np.stack(formula(*[np.moveaxis(array, -1, 0) for array in arrays]), axis=-1)
+
+
 def _quaternion_table() -> Array:
-    """Hamilton's rules as an array (4, 4, 4): e_j e_k = sum_i table[i, j, k] e_i."""
-    table = np.zeros((4, 4, 4))
-    for j in range(4):
-        table[j, 0, j] = table[j, j, 0] = 1.0
-    for j, k, i in ((1, 2, 3), (2, 3, 1), (3, 1, 2)):  # ij = k, jk = i, ki = j
-        table[i, j, k], table[i, k, j], table[0, j, j] = 1.0, -1.0, -1.0
-    return table
+    """Hamilton's product as an array (4, 4, 4): e_j e_k = sum_i table[i, j, k] e_i."""
+    units = np.eye(4).tolist()
+    return np.array([[_hamilton(e_j, e_k) for e_k in units] for e_j in units]).transpose(2, 0, 1)
 
 
 def _dual_table(table: Array) -> Array:
@@ -63,8 +101,7 @@ def _dual_table(table: Array) -> Array:
 
 
 _CONJ4, _CONJ8 = np.diag(C4), np.diag(C8)
-_T4 = _quaternion_table()
-_T8 = _dual_table(_T4)
+_T8 = _dual_table(_quaternion_table())
 
 
 # Quaternions -------------------------------------------------------------------------------
@@ -72,7 +109,7 @@ _T8 = _dual_table(_T4)
 
 def quaternion_mul(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product of two quaternions, each (..., 4)."""
-    return _contract("ijk,...j,...k->...i", _T4, a, b)
+    return _apply(_hamilton, a, b)
 
 
 def quaternion_conj(q: ArrayLike) -> Array:
@@ -91,7 +128,7 @@ def rotation(axis: ArrayLike, angle: float) -> Array:
 
 def rotate(r: ArrayLike, p: ArrayLike) -> Array:
     """The vector ``p`` (..., 3) turned by the unit quaternion ``r`` (..., 4): r p r*."""
-    return quaternion_mul(quaternion_mul(r, _pure(p)), quaternion_conj(r))[..., 1:]
+    return _apply(_turned, r, p)
 
 
 def quaternion_exp(v: ArrayLike) -> Array:
@@ -160,7 +197,12 @@ def vec(x: ArrayLike) -> Array:
 
 def translation(x: ArrayLike) -> Array:
     """Translation t (..., 3) [m] of a pose (..., 8): t = 2 D(x) P(x)*."""
-    return 2.0 * quaternion_mul(D(x), quaternion_conj(P(x)))[..., 1:]
+    return 2.0 * _apply(_moved, x)
+
+
+def place(x: ArrayLike, p: ArrayLike) -> Array:
+    """The point ``p`` (..., 3) [m], given in the axes of the pose x (..., 8), in the world."""
+    return _apply(_placed, x, p)
 
 
 def pose(r: ArrayLike, t: ArrayLike) -> Array:

@@ -8,7 +8,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp.controllers.braking import NOTHING, Brake
+from rcmqp._kernel import all_finite
+from rcmqp.controllers.braking import NOTHING, Brake, stays
 from rcmqp.errors import InvalidCommand, RcmqpError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.smooth import braking_speed
@@ -81,7 +82,6 @@ def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
     Raises:
         InvalidCommand: they are not, or not finite.
     """
-    sizes = {"configuration q": arm.nq, "joint velocity v": arm.nv}
     try:
         pair: Any = answer
         read, rate = pair
@@ -95,16 +95,22 @@ def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
             f"read() answered {answer!r}; it must be a pair of arrays, configuration q "
             f"({arm.nq},) and joint velocity v ({arm.nv},), as measured now"
         ) from error
-    for (name, size), values in zip(sizes.items(), (q, v), strict=True):
-        if values.shape != (size,):
-            angles = name.endswith(" q") and values.shape == (arm.nv,)
-            hint = "; arm.configuration(angles) makes one of joint angles" if angles else ""
-            raise InvalidCommand(
-                f"read() answered a {name} of shape {values.shape}, it must be ({size},){hint}"
-            )
-        if not np.isfinite(values).all():
-            raise InvalidCommand(f"{name} is not finite, as it was read: {values}")
+    nq, nv = arm.nq, arm.nv
+    if q.shape != (nq,) or v.shape != (nv,) or not (all_finite(q) and all_finite(v)):
+        _refuse("configuration q", q, nq, angles=q.shape == (nv,))
+        _refuse("joint velocity v", v, nv)
     return q, v
+
+
+def _refuse(name: str, values: Array, size: int, *, angles: bool = False) -> None:
+    """Raise InvalidCommand for a reading of a wrong shape, or one that is not finite."""
+    if values.shape != (size,):
+        hint = "; arm.configuration(angles) makes one of joint angles" if angles else ""
+        raise InvalidCommand(
+            f"read() answered a {name} of shape {values.shape}, it must be ({size},){hint}"
+        )
+    if not np.isfinite(values).all():
+        raise InvalidCommand(f"{name} is not finite, as it was read: {values}")
 
 
 def check_stamp(newest: object, now: float, oldest: float, ahead: float) -> Stamped:
@@ -152,7 +158,10 @@ class ReadingCheck:
         arm = insertion.arm
         self._insertion, self._most = insertion, max(ON_TROCAR, insertion.tolerance)
         self._outside = np.where(arm.turns, *OUTSIDE)
+        self._lowest, self._highest = arm.lower - self._outside, arm.upper + self._outside
+        self._fastest = JUMP * arm.velocity
         self._endless = arm.turns & np.isinf(arm.upper) & np.isinf(arm.lower)
+        self._any_endless = bool(self._endless.any())
         self._period, self._last = period, (np.nan * arm.lower, 0.0)
 
     def start(self, state: ArmState, pivot: Array) -> None:
@@ -178,19 +187,18 @@ class ReadingCheck:
                 the joint can have moved.
         """
         arm, (last, before) = self._insertion.arm, self._last
-        over = np.maximum(angles - arm.upper, arm.lower - angles) - self._outside
-        if over.max() > 0.0:
-            k = int(np.argmax(over))
+        if True in ((angles < self._lowest) | (angles > self._highest)).tolist():
+            k = int(np.argmax(np.maximum(angles - self._highest, self._lowest - angles)))
             raise LoopFault(
                 f"{arm.joints[k]} was read at {angles[k]:.4g} {arm.joint_units[k]}, its limits "
                 f"are {arm.lower[k]:.4g} and {arm.upper[k]:.4g}; check the order of the joints, "
                 "and that read() gives rad and m"
             )
         way = np.abs(angles - last)
-        if self._endless.any():
+        if self._any_endless:
             way = np.where(self._endless, np.minimum(way, np.abs(2.0 * np.pi - way)), way)
-        can = JUMP * arm.velocity * max(self._period, at - before) + self._outside
-        if (way > can).any():
+        can = self._fastest * max(self._period, at - before) + self._outside
+        if True in (way > can).tolist():
             k = int(np.argmax(way / can))
             raise LoopFault(
                 f"{arm.joints[k]} was read {way[k]:.4g} {arm.joint_units[k]} from the reading "
@@ -231,12 +239,15 @@ class CommandCheck:
         """
         arm, T = self.arm, self._brake.period
         command = np.array(v, dtype=float)
-        if command.shape != (arm.nv,) or not np.isfinite(command).all():
+        if command.shape != (arm.nv,) or not all_finite(command):
             raise InvalidCommand(
                 f"{self.controller} answered {command}, not {arm.nv} finite numbers"
             )
+        command.setflags(write=False)
+        if stays(command, before, a):
+            return command
         lower, upper = self._brake.box(angles, before, a)
-        if np.any((command < lower) | (command > upper)):
+        if True in ((command < lower) | (command > upper)).tolist():
             check_speed(command, arm, f"was to move by {self.controller}'s command", FAST)
             most = np.minimum(np.minimum(arm.acceleration, T * arm.jerk) * T, arm.velocity)
             inside = np.clip(command, -arm.velocity, arm.velocity)
@@ -246,7 +257,7 @@ class CommandCheck:
                 raise LoopFault(self._words(k, inside[k], angles[k], before[k], a[k]))
             cut_off = np.clip(command, lower, upper)
             command = np.where(np.abs(cut_off - command) > NOTHING, cut_off, command)
-        command.setflags(write=False)
+            command.setflags(write=False)
         return command
 
     def _words(self, k: int, v: float, angle: float, before: float, a: float) -> str:

@@ -175,6 +175,7 @@ class LoopReport:
         waited: how long the loop's thread could have run and waited for a processor [s]; NaN
             where the system does not count it.
         off_trocar: how far the shaft was off the trocar when the loop started [m].
+        priority: of the loop's process, in words; empty where the caller has set it.
     """
 
     controller: str
@@ -192,6 +193,7 @@ class LoopReport:
     waited: float = math.nan
     recorded: str = ""
     off_trocar: float = math.nan
+    priority: str = ""
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and counts, one row each."""
@@ -206,6 +208,7 @@ class LoopReport:
             *_latency("began late by", self.wake),
             *_latency("answered after", self.answer),
             ("waited for a processor", _waited(self.waited)),
+            *([("priority", self.priority)] if self.priority else []),
             ("shaft off the trocar at the start", f"{1e3 * self.off_trocar:.3g} mm"),
             ("controller's own stops", f"{self.controller_stops}"),
             ("commands not taken", f"{self.unsent}"),

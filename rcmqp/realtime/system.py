@@ -42,6 +42,32 @@ def real_time_priority() -> Iterator[None]:
         os.sched_setscheduler(0, *before)
 
 
+@contextlib.contextmanager
+def priority_if_permitted() -> Iterator[str]:
+    """Run at real-time priority where the system permits it; yield in words which it is.
+
+    On a machine with one processor it is the ordinary one: a loop that cannot keep its period
+    would leave nothing to the others.
+    """
+    with contextlib.ExitStack() as stack:
+        words = "ordinary, as there is one processor only"
+        if processors() > 1:
+            try:
+                stack.enter_context(real_time_priority())
+                words = f"real-time (SCHED_FIFO {PRIORITY})"
+            except OptionError as error:
+                reason = str(error).partition(";")[0]
+                words = f"ordinary, as {reason}; rcmqp doctor says what to do"
+        yield words
+
+
+def processors() -> int:
+    """How many processors this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def time_waited(path: str = "/proc/thread-self/schedstat") -> float:
     """Time in which this thread was ready to run and waited for a processor [s].
 

@@ -176,10 +176,11 @@ class Governed:
 
 def tip_distance(state: ArmState, reference: Reference, insertion: Insertion) -> float:
     """Distance of a state's tip from a reference's [m]."""
-    tip = insertion.tip(state.x)
     if len(state.tool_at) == 3:
         tip = dq.translation(state.tool_at[1])
-    return float(np.linalg.norm(tip - insertion.tip(reference.x_d)))
+    else:
+        tip = insertion.tip(state.x)
+    return math.dist(tip.tolist(), insertion.tip(reference.x_d).tolist())
 
 
 def check_may_wait(path: Path | Steered) -> None:

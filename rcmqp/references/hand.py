@@ -217,8 +217,10 @@ class ImageHand:
         way, before = self._clutch.step(state.position, state.engaged), self._way
         turn = state.roll - self._roll if self._clutch.counted else 0.0
         self._way, self._roll = way, state.roll
-        view, step = self.view, self._scale * (np.array(way) - np.array(before))
-        right, down, inwards = (self._turn @ step).tolist()
+        view, right, down, inwards = self.view, 0.0, 0.0, 0.0
+        if way != before:
+            step = self._scale * (np.array(way) - np.array(before))
+            right, down, inwards = (self._turn @ step).tolist()
         if right or down or inwards or turn:
             sine, cosine = math.sin(view.gamma), math.cos(view.gamma)
             x, y = cosine * right - sine * down, sine * right + cosine * down

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import struct
@@ -75,6 +76,8 @@ class RowFormat:
         self.names = tuple(names)
         self._head = struct.Struct(f"<Q{2 + len(self.names)}d")
         self.sizes = (nq, nv, 8, 3, nv)
+        ends = list(itertools.accumulate(self.sizes))
+        self._parts = [slice(end - size, end) for end, size in zip(ends, self.sizes, strict=True)]
 
     def pack(self, row: LoopRow) -> bytes:
         """The bytes of a row."""
@@ -90,11 +93,12 @@ class RowFormat:
         if len(data := stream.read(size)) < size:
             return None
         length, time, solve_time, *values = self._head.unpack_from(data)
-        arrays = np.split(np.frombuffer(data, offset=self._head.size), np.cumsum(self.sizes)[:-1])
+        numbers = np.frombuffer(data, offset=self._head.size)
+        arrays = [numbers[part] for part in self._parts]
         if len(text := stream.read(length)) < length:
             return None
-        numbers = dict(zip(self.names, values, strict=True))
-        return LoopRow._make((time, solve_time, numbers, *arrays, text.decode()))
+        diagnostics = dict(zip(self.names, values, strict=True))
+        return LoopRow._make((time, solve_time, diagnostics, *arrays, text.decode()))
 
 
 class LoopRecorder:

@@ -166,7 +166,7 @@ class Insertion:
 
     def tip(self, x: ArrayLike) -> Array:
         """Tip (..., 3) in the world [m] for effector poses x (..., 8), of a straight wrist."""
-        return dq.translation(x) + dq.rotate(dq.P(x), np.array([0.0, 0.0, self.tip_depth]))
+        return dq.place(x, (0.0, 0.0, self.tip_depth))
 
     def depth(self, x: ArrayLike, pivot: ArrayLike) -> Array:
         """How far (...) that tip is beyond the pivot (..., 3) [m], along the shaft."""

@@ -214,16 +214,18 @@ test("of several hands only a Haply alone feels the viscosity", () => {
 test("a Haply that sends what is not understood, or whose handle jumps, lets go and says so", () => {
   const at = (/** @type {any} */ cursor_position) => JSON.stringify({ inverse3: [{ device_id: "0F", state: { cursor_position } }] });
   for (const odd of [
-    "", "null", '{"inverse3": null}', '{"inverse3": 7}', at(null), '{"inverse3": [{"state": {}}], "verse_grip": null}',
+    "", "null", "{}", '{"inverse3": []}', '{"inverse3": null}', '{"inverse3": 7}', at(null), '{"inverse3": [{"state": {}}], "verse_grip": null}',
     JSON.stringify(message([0, NaN, 0])), JSON.stringify(message([50, 0, 0])), JSON.stringify(message([0, 0.06, 0])), JSON.stringify(message([0, 0, 0], { q: turn([0, 1, 0], 1) })),
   ]) {
-    const { hand, device, said } = haply();
+    const { hand, device, said, socket } = haply();
     device.read(JSON.stringify(message([0, 0, 0], { pressed: false })), 1);
     device.read(JSON.stringify(message([0, 0, 0])), 2);
     assert.ok(hand.held);
     device.read(odd, 3);
     assert.ok(!hand.held, odd);
     assert.equal(said.length, 1, odd);
+    assert.equal(socket.sent.length, 3, odd); // each was answered once: the service waits for that
+    assert.equal(socket.sent[2].inverse3[0].device_id, "0F", odd);
     device.read(JSON.stringify(message([0, 0, 0])), 4);
     assert.ok(!hand.held, odd);
     near(hand.way, [0, 0, 0, 0]);

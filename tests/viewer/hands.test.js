@@ -99,6 +99,23 @@ test("a gamepad counts while its shoulder is held, and has to be let go after a 
   assert.equal(hand.grip, 2);
   hand.read(null, 1, 1); // it was unplugged
   assert.ok(!hand.held);
+  hand.read(pad(true, [1, 0, 0, 0]), 1, 1); // it is back, with its shoulder pressed
+  assert.ok(!hand.held);
+  hand.read(pad(false), 1, 1);
+  hand.read(pad(true), 1, 1);
+  assert.ok(hand.held);
+  assert.equal(hand.grip, 3);
+});
+
+test("a move that the browser has told of before is no input", () => {
+  const hand = new Hand();
+  hand.down(1, [0, 0], "mouse");
+  hand.drag(1, [10, 0], { ...how, at: 5 });
+  const way = [...hand.way];
+  hand.event = null; // it was sent
+  hand.drag(1, [10, 0], { ...how, at: 9 });
+  assert.equal(hand.event, null);
+  near(hand.way, way);
 });
 
 test("after a release nothing that is still down moves the hand", () => {

@@ -89,6 +89,7 @@ export class Hand {
     const before = this.pointers.get(id);
     if (!before) return;
     const [x, y] = [place[0] - before[0], place[1] - before[1]];
+    if (!x && !y) return; // the browser has told of it before
     const other = [...this.pointers].find(([each]) => each !== id)?.[1];
     this.pointers.set(id, [...place, before[2]]);
     const scale = SPAN / size;
@@ -154,14 +155,16 @@ export class Hand {
   }
 
   /**
-   * Read a gamepad: its shoulder holds, the left stick moves, the right one goes in and rolls.
+   * Read a gamepad: its shoulder holds, the left stick moves, the right one goes in and rolls. One
+   * that is plugged in anew has to be let go first.
    *
    * @param {{axes: readonly number[], buttons: readonly {pressed: boolean}[]} | null} pad
    * @param {number} passed since the last time [s]
    * @param {number} at [ms]
    */
   read(pad, passed, at) {
-    if (!this.grasp("gamepad", pad?.buttons[SHOULDER]?.pressed ?? false) || !pad) return;
+    if (!pad) return this.lose("gamepad");
+    if (!this.grasp("gamepad", pad.buttons[SHOULDER]?.pressed ?? false)) return;
     const [x = 0, y = 0, roll = 0, out = 0] = pad.axes;
     this.push([x, y, -out, roll], passed, at);
   }

@@ -33,6 +33,9 @@ export class Haply {
     this.before = null;
     this.heard = 0;
     this.silent = false;
+    /** The device that the service spoke of last. */
+    this.device = "";
+    this.answered = 0;
   }
 
   /** Go on after a page of this tab that listened to one. */
@@ -54,11 +57,18 @@ export class Haply {
     });
   }
 
-  /** A message as it came; of one that is odd nothing is followed. @param {string} text @param {number} at [ms] */
+  /**
+   * A message as it came. One that is odd is answered without a force, and nothing of it is followed.
+   *
+   * @param {string} text
+   * @param {number} at [ms]
+   */
   read(text, at) {
+    const before = this.answered;
     try {
       this.hear(JSON.parse(text), at);
     } catch (error) {
+      if (this.answered === before && this.device) this.answer([0, 0, 0]);
       this.letGo();
       this.page.said(`a message of the Haply's service is not understood: ${error instanceof Error ? error.message : error}`);
     }
@@ -73,13 +83,14 @@ export class Haply {
    */
   hear({ inverse3 = [], wireless_verse_grip, verse_grip = [] }, at) {
     const [device] = inverse3;
-    if (!device?.state) return;
+    if (!device?.state) throw new TypeError("it has no Inverse3; is the device switched on?");
     const [grip] = wireless_verse_grip?.length ? wireless_verse_grip : verse_grip;
     const { buttons = {}, orientation } = grip?.state ?? {};
     const place = array(device.state.cursor_position);
     const attitude = orientation ? array(orientation) : [0, 0, 0, 1];
     this.heard = at;
     this.silent = false;
+    this.device = device.device_id;
     this.render(device);
     if (![...place, ...attitude].every(Number.isFinite)) throw new RangeError("it has no place or attitude of the handle");
     const held = this.hand.grasp("haply", Object.values(buttons).some(Boolean));
@@ -96,13 +107,18 @@ export class Haply {
     this.page.changed();
   }
 
-  /** Answer with the viscosity's force; the service sends on only to who answers. @param {{device_id: string, state: any}} device */
-  render({ device_id, state }) {
+  /** Answer with the viscosity's force. @param {{state: any}} device */
+  render({ state }) {
     const B = this.page.viscosity();
     const force = array(state.cursor_velocity).slice(0, 3).map((v) => -B * v || 0);
     const share = Math.min(1, STRONGEST / Math.hypot(...force)) || 0;
-    const [x, y, z] = force.map((f) => share * f);
-    this.socket?.send(JSON.stringify({ inverse3: [{ device_id, commands: { set_cursor_force: { values: { x, y, z } } } }] }));
+    this.answer(force.map((f) => share * f));
+  }
+
+  /** Ask for a force (3,) [N]; the service sends on only to who answers. @param {number[]} force */
+  answer([x, y, z]) {
+    this.answered += 1;
+    this.socket?.send(JSON.stringify({ inverse3: [{ device_id: this.device, commands: { set_cursor_force: { values: { x, y, z } } } }] }));
   }
 
   /** Notice that nothing came. @param {number} now [ms] */

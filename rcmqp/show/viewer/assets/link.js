@@ -13,7 +13,7 @@ const ROLE = "role";
 
 /**
  * @typedef {import("./sources.js").State & {
- *   time: number, at: number, moving: boolean, stopped: number, viscosity: number, reached: number[], latency?: Record<string, number[]>
+ *   time: number, at: number, moving: boolean, stopped: number, skipped: number, viscosity: number, reached: number[], latency?: Record<string, number[]>
  * }} Live
  */
 

@@ -8,6 +8,7 @@ import { depth } from "./format.js";
 import { Hand } from "./hands.js";
 import { Link } from "./link.js";
 import { readRecording } from "./recording.js";
+import { drawsInSoftware } from "./software.js";
 import { LiveSource } from "./sources.js";
 import { Stage } from "./stage.js";
 import { Task, sight } from "./task.js";
@@ -18,8 +19,10 @@ const EVERY = 16;
 const LEAST = 4;
 /** Pictures in light mode: time from one to the next, at least [ms]. */
 const LIGHT = 66;
-/** Numbers are written so often [ms]. */
-const READ = 100;
+/** A loop that has skipped a larger share of its last cycles is said to be slow. */
+const SLOW = 0.05;
+/** Numbers are written so often, and in light mode [ms]. */
+const [READ, LIGHT_READ] = [100, 250];
 /** An arm whose joints turn less from one picture to the next stands still [rad]. */
 const AT_REST = 1e-6;
 /** Ages of pictures that the page's own quantiles are of. */
@@ -29,9 +32,13 @@ const { scene, arm, runs: [first] } = readRecording(await unpacked("data-gz"));
 const source = new LiveSource(arm.joints.length);
 source.push(-1, first.source.at(0)); // the arm before the loop begins
 const picture = query(document, "#scope");
-const stage = new Stage(query(document, "#scene"), picture, { scene, arm, runs: [{ ...first, source }] });
+const software = drawsInSoftware();
+const stage = new Stage(
+  query(document, "#scene"), picture, { scene, arm, runs: [{ ...first, source }] }, { antialias: !software });
 const hand = new Hand();
-const page = { steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false, held: false };
+const page = {
+  steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false, held: false, waits: false,
+};
 /** @type {import("./link.js").Live | null} */
 let newest = null;
 let drawn = { time: -1, at: 0, wrote: 0, angles: first.source.at(0).angles };
@@ -83,9 +90,17 @@ function tell() {
   link.tell(hand);
 }
 
-/** After an input: at once, but for one that follows on the last message. */
+/** After an input: at once, or as soon as the last message is old enough. */
 function changed() {
-  if (performance.now() - page.told >= LEAST || !hand.held) tell();
+  const rest = page.told + LEAST - performance.now();
+  if (rest <= 0 || !hand.held) tell();
+  else if (!page.waits) {
+    page.waits = true;
+    setTimeout(() => {
+      page.waits = false;
+      if (hand.event !== null) tell();
+    }, rest);
+  }
   if (hand.held !== page.held) write(); // the rest is written with the next picture
 }
 
@@ -112,6 +127,12 @@ function writeLatency({ input, state }) {
     query(document, "#state-picture").textContent = quantiles([0.5, 0.95, 0.99].map((p) => sorted[Math.floor(p * sorted.length)]), 1);
 }
 
+/** Write a text that is not there yet: the browser draws the page anew for it. @param {string} where @param {string} text */
+function put(where, text) {
+  const element = query(document, where);
+  if (element.textContent !== text) element.textContent = text;
+}
+
 /** What the operator has to know, and the errors. */
 function write() {
   const held = (page.held = hand.held);
@@ -125,14 +146,17 @@ function write() {
     held ? ["held", "you hold the camera"] :
     ["rest", newest?.moving ? "coming to rest" : "at rest: hold the picture and drag"];
   document.body.dataset.said = said[0];
-  query(document, "#said").textContent = said[1];
+  put("#said", said[1]);
   query(document, "#take").hidden = page.steers || page.ended !== "" || !page.free;
+  const slow = page.ended ? 0 : newest?.skipped ?? 0;
+  query(document, "#slow").hidden = slow <= SLOW;
+  put("#slow", `This computer is too busy: the arm moves ${Math.round(100 * slow)} % slower than it should.`);
   task?.write(page.steers && !page.ended, newest);
   if (!newest) return;
-  query(document, "#rcm").textContent = short(Math.hypot(...Array.from(newest.slip)));
-  query(document, "#depth").textContent = depth(newest.depth[0]);
-  query(document, "#lag").textContent = short(newest.tip_error[0]);
-  query(document, "#time").textContent = `${newest.time.toFixed(1)} s`;
+  put("#rcm", short(Math.hypot(...Array.from(newest.slip))));
+  put("#depth", depth(newest.depth[0]));
+  put("#lag", short(newest.tip_error[0]));
+  put("#time", `${newest.time.toFixed(page.light ? 0 : 1)} s`);
 }
 
 /** @param {PointerEvent} event @returns {[number, number]} */
@@ -144,11 +168,16 @@ picture.addEventListener("pointerdown", (event) => {
   hand.down(event.pointerId, spot(event), event.pointerType || "mouse");
   changed();
 });
-picture.addEventListener("pointermove", (event) => {
+/** @param {PointerEvent} event */
+function drag(event) {
   const how = { size: picture.clientWidth, shift: event.shiftKey, at: event.timeStamp };
   hand.drag(event.pointerId, spot(event), how);
   if (hand.event !== null) changed();
-});
+}
+// A move waits for the next picture, which software takes long for. Where the browser tells of it
+// at once, too, there is nothing left to do for the move.
+picture.addEventListener("pointermove", drag);
+picture.addEventListener("pointerrawupdate", (event) => drag(/** @type {PointerEvent} */ (event)));
 for (const kind of /** @type {const} */ (["pointerup", "pointercancel", "lostpointercapture"]))
   picture.addEventListener(kind, (event) => {
     if (!hand.pointers.has(event.pointerId)) return;
@@ -192,11 +221,9 @@ setInterval(() => {
 /** Without a graphics card: coarser, without shadows. @param {boolean} on */
 function light(on) {
   page.light = on;
-  stage.viewer.renderer.shadowMap.enabled = !on;
-  for (const renderer of [stage.viewer.renderer, stage.scope]) renderer.setPixelRatio(on ? 0.6 : window.devicePixelRatio);
+  stage.lighten(on);
   query(document, "#light").setAttribute("aria-pressed", String(on));
-  stage.size = ""; // fit again
-  stage.resize();
+  query(document, "#why").textContent = on && software ? "no graphics card: coarser pictures; press light for finer ones" : "";
 }
 
 /** @param {boolean} on */
@@ -206,13 +233,6 @@ function showScene(on) {
   stage.resize();
 }
 
-/** Whether pictures are drawn without a graphics card. */
-function isSoftware() {
-  const gl = stage.scope.getContext();
-  const known = gl.getExtension("WEBGL_debug_renderer_info");
-  return known !== null && /swiftshader|llvmpipe|software/i.test(gl.getParameter(known.UNMASKED_RENDERER_WEBGL));
-}
-
 query(document, "#light").addEventListener("click", () => light(!page.light));
 query(document, "#show").addEventListener("click", () => showScene(query(document, "#scene").hidden !== false));
 query(document, "#take").addEventListener("click", () => link.take());
@@ -220,17 +240,18 @@ for (const button of document.querySelectorAll("button")) button.addEventListene
 
 /** @param {number} now [ms] */
 function loop(now) {
-  requestAnimationFrame(loop);
+  if (page.light) setTimeout(() => requestAnimationFrame(loop), LIGHT - EVERY);
+  else requestAnimationFrame(loop);
   draw(now);
 }
 
 /** Draw the newest state, if the arm has moved. @param {number} now [ms] @returns {number} how many were drawn */
 function draw(now) {
-  if (now - drawn.wrote > READ) {
+  if (now - drawn.wrote > (page.light ? LIGHT_READ : READ)) {
     drawn.wrote = now;
     write();
   }
-  if (page.light && now - drawn.at < LIGHT) return stage.draws;
+  if (page.light && now - drawn.at < LIGHT - EVERY) return stage.draws;
   const { angles } = drawn;
   if (newest && newest.time !== drawn.time && Array.from(newest.angles).some((angle, i) => Math.abs(angle - angles[i]) > AT_REST)) {
     drawn = { ...drawn, time: newest.time, at: now, angles: newest.angles };
@@ -244,7 +265,7 @@ function draw(now) {
 
 stage.paint();
 stage.choose({ close: true });
-light(isSoftware());
+light(software);
 showScene(!task && !page.light && window.innerWidth > 900);
 stage.seek(source.newest);
 task?.draw();
@@ -259,6 +280,7 @@ window.rcmqp = {
   get held() { return hand.held; },
   get way() { return hand.way; },
   get clock() { return link.ahead; },
+  get draws() { return stage.draws; },
   /** Spheres as the picture shows them now, and as the task's pictures do: see sight(). */
   get sights() { return sight(stage, stage.arms[0].camera); },
   get wanted() { return task?.cameras.map((camera) => sight(stage, camera)) ?? []; },

@@ -100,13 +100,17 @@ export function makeBall(centre, radius, material) {
   return ball;
 }
 
+/** Parts of the ground, across; and where software draws it. */
+const [FINE, COARSE] = [140, 64];
+
 /**
- * Soft ground beyond the deepest tip, seen through the endoscope only, to show that it moves.
+ * The shape and colours of the ground: a bowl, with folds.
  *
- * @param {Surroundings} scene
+ * @param {{coarse: boolean}} how fine
  */
-export function makeGround(scene) {
-  const geometry = new THREE.PlaneGeometry(0.8, 0.8, 140, 140);
+export function groundShape({ coarse }) {
+  const parts = coarse ? COARSE : FINE;
+  const geometry = new THREE.PlaneGeometry(0.8, 0.8, parts, parts);
   const at = geometry.attributes.position;
   const tones = new Float32Array(3 * at.count);
   const [pale, deep] = [new THREE.Color(0xc9796a), new THREE.Color(0x8f3a34)].map((c) => c.convertSRGBToLinear());
@@ -114,13 +118,22 @@ export function makeGround(scene) {
   for (let i = 0; i < at.count; i++) {
     const x = at.getX(i), y = at.getY(i);
     const folds = Math.sin(70 * x + 2 * Math.sin(55 * y)) + Math.sin(62 * y + 1.7 * Math.sin(48 * x + 1));
-    at.setZ(i, 0.0035 * folds + 0.6 * (x * x + y * y)); // a bowl, with folds
+    at.setZ(i, 0.0035 * folds + 0.6 * (x * x + y * y));
     tone.copy(pale).lerp(deep, 0.5 - 0.25 * folds).toArray(tones, 3 * i);
   }
   geometry.setAttribute("color", new THREE.BufferAttribute(tones, 3));
   geometry.computeVertexNormals();
+  return geometry;
+}
+
+/**
+ * Soft ground beyond the deepest tip, seen through the endoscope only, to show that it moves.
+ *
+ * @param {Surroundings} scene
+ */
+export function makeGround(scene) {
   const skin = standard(0xffffff, { vertexColors: true, side: THREE.DoubleSide, shininess: 60 });
-  const ground = new THREE.Mesh(geometry, skin);
+  const ground = new THREE.Mesh(groundShape({ coarse: false }), skin);
   ground.rotation.x = -Math.PI / 2;
   ground.position.y = -(scene.deepest + 0.06);
   ground.layers.set(INSIDE_LAYER);

@@ -8,15 +8,16 @@ import { TrailLine } from "./lines.js";
 import { THREE, Viewer } from "./meshcat.js";
 import {
   ARM_LAYER, INSIDE_LAYER, LEAST_ARROW, WALL,
-  Arrow, addLight, atTrocar, css, makeBall, makeGround, makeLimits, makeTrocar, makeWall, standard,
+  Arrow, addLight, atTrocar, css, groundShape, makeBall, makeGround, makeLimits, makeTrocar, makeWall, standard,
 } from "./scenery.js";
 
-/** @import { Object3D, PerspectiveCamera, WebGLRenderer } from "three" */
+/** @import { Mesh, Object3D, PerspectiveCamera, WebGLRenderer } from "three" */
 
 /** What the scene is made of: its surroundings, the arm's shape, and runs with their sources. */
 /** @typedef {{scene: import("./recording.js").Surroundings, arm: import("./recording.js").ArmShape, runs: import("./recording.js").Shown[]}} Data */
 
 const VIEW_ANGLE = 26; // of the outside camera [deg]
+const LIGHT_PIXELS = 0.6; // of a picture that is drawn without a graphics card, for one of the page
 const OUTSIDE = ["wall", "trocar", "slip", "floor", "limits"]; // what the endoscope does not see
 
 export class Stage {
@@ -24,8 +25,9 @@ export class Stage {
    * @param {HTMLElement} pane of the scene, with #viewer, #lens and #slip in it
    * @param {HTMLElement} scopePane of the endoscope, with its canvas
    * @param {Data} data
+   * @param {{antialias?: boolean}} how whether the endoscope's picture has smooth edges: software takes long for them
    */
-  constructor(pane, scopePane, data) {
+  constructor(pane, scopePane, data, { antialias = true } = {}) {
     this.pane = pane;
     this.scopePane = scopePane;
     this.data = data;
@@ -35,7 +37,7 @@ export class Stage {
     this.lensAt = [0, 0, 0]; // left, bottom and size [px]
     this.size = "";
     this.viewer = this.makeViewer(query(pane, "#viewer"));
-    this.scope = this.makeScope(query(scopePane, "canvas"));
+    this.scope = this.makeScope(query(scopePane, "canvas"), antialias);
     this.arms = makeArms(this.viewer, data);
     /** @type {Record<string, Object3D[]>} */
     this.things = {};
@@ -70,6 +72,17 @@ export class Stage {
     this.ground = 1; // 0 lets through what is behind the scene
   }
 
+  /** Draw coarser pictures, without shadows, or as fine as the screen is. @param {boolean} on */
+  lighten(on) {
+    this.viewer.renderer.shadowMap.enabled = !on;
+    for (const renderer of [this.viewer.renderer, this.scope]) renderer.setPixelRatio(on ? LIGHT_PIXELS : window.devicePixelRatio);
+    const ground = /** @type {Mesh} */ (this.things.ground[0]);
+    ground.geometry.dispose();
+    ground.geometry = groundShape({ coarse: on });
+    this.size = ""; // fit again
+    this.resize();
+  }
+
   /** @param {HTMLElement} pane */
   makeViewer(pane) {
     const viewer = new Viewer(pane, false);
@@ -86,9 +99,9 @@ export class Stage {
     return viewer;
   }
 
-  /** @param {HTMLElement} canvas */
-  makeScope(canvas) {
-    const scope = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+  /** @param {HTMLElement} canvas @param {boolean} antialias */
+  makeScope(canvas, antialias) {
+    const scope = new THREE.WebGLRenderer({ canvas, antialias, preserveDrawingBuffer: true });
     scope.setClearColor(0x2a0f0d, 1);
     prepare(scope);
     return scope;
@@ -245,6 +258,7 @@ export class Stage {
     if (!this.dirty && !this.viewer.needs_render) return;
     this.dirty = false;
     this.draws += 1;
+    this.viewer.needs_render = false; // Meshcat forgets it only where it draws, and a pane may be hidden
     if (this.pane.clientWidth) this.renderScene();
     if (this.scopePane.clientWidth) this.scope.render(this.viewer.scene, this.inside());
   }
