@@ -111,6 +111,7 @@ class Fuzz:
         n = block.joints or joints(rng)
         for asked in (block, made or block):
             self.call("Block.rows", asked.rows, *self.worse(rng, cycle(rng, n)))
+            self.call("Block.goal", asked.goal, *self.worse(rng, [*cycle(rng, n), 60.0]))
             if kind in OBJECTIVES or rng.integers(9) == 0:
                 args = self.worse(rng, [rng.normal(size=(6, n)), rng.normal(size=n)])
                 self.call("Block.value", asked.value, *args)
@@ -183,8 +184,8 @@ class Fuzz:
 
 FUNCTIONS = (
     "law", "solve", "usable", "frozen", "record", "moved", "all_finite", "paced",
-    "least_singular_values", "from_xyzquat", "carried", "view_pose", "approach", "store", "views",
-    "view_poses", "observed", "contour",
+    "least_singular_values", "in_order", "manipulability", "from_xyzquat", "carried", "view_pose",
+    "approach", "store", "views", "view_poses", "observed", "contour",
 )  # fmt: skip
 
 

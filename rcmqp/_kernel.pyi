@@ -33,6 +33,21 @@ class Block:
         tool_at: tuple[float] | tuple[float, Array, Array],
         /,
     ) -> tuple[Array, ...]: ...
+    def goal(
+        self,
+        x: Array,
+        J_local: Array,
+        angles: Array,
+        v: Array,
+        a: Array,
+        x_d: Array,
+        x_d_dot: Array,
+        pivot: Array,
+        pivot_dot: Array,
+        tool_at: tuple[float] | tuple[float, Array, Array],
+        gain: float,
+        /,
+    ) -> tuple[Array, Array]: ...
     def interval(
         self, angles: ArrayLike, v: ArrayLike, a: ArrayLike, /
     ) -> tuple[Array, Array]: ...
@@ -133,6 +148,22 @@ def law(
 ) -> tuple[Array, float, float, float, float]: ...
 def paced(gain: float, deceleration: float, s: float, /) -> float: ...
 def least_singular_values(J: Array, /) -> Array: ...
+def in_order(
+    levels: tuple[tuple[Array, Array], ...], inverse: Array, rest: Array | None, /
+) -> tuple[Array, float]: ...
+def manipulability(
+    x: Array,
+    J_local: Array,
+    angles: Array,
+    v: Array,
+    a: Array,
+    x_d: Array,
+    x_d_dot: Array,
+    pivot: Array,
+    pivot_dot: Array,
+    tool_at: tuple[float] | tuple[float, Array, Array],
+    /,
+) -> tuple[float, Array]: ...
 def from_xyzquat(placement: Array, /) -> Array: ...
 def carried(x: Array, offset: Array, /) -> Array: ...
 def view_pose(

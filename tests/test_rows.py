@@ -20,7 +20,17 @@ from helpers import assert_allclose
 from rcmqp import ArmState, Insertion, Reference, _kernel, load_arm
 from rcmqp.limits import LIMITS, JointLimits, Limit, TrocarCone, TrocarDepth, make_limit
 from rcmqp.maths.dualquaternion import Array, from_se3
-from rcmqp.tasks import TASKS, ObjectiveTask, PostureTask, RcmTask, Residual, Task, make_task
+from rcmqp.references.view import cycle
+from rcmqp.tasks import (
+    TASKS,
+    ObjectiveTask,
+    PoseTask,
+    PostureTask,
+    RcmTask,
+    Residual,
+    Task,
+    make_task,
+)
 from rcmqp.tasks.base import block_of
 from rcmqp.tasks.objectives import OBJECTIVES, Manipulability, make_objective
 from rcmqp.world.instrument import Instrument
@@ -96,6 +106,53 @@ def test_tasks_and_objectives_give_the_rows_of_their_oracles(arm: str) -> None:
                 )
                 assert not mine.flags.writeable
             assert block_of(task) is not None
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_blocks_of_the_published_laws_give_the_rows_of_their_tasks(arm: str) -> None:
+    """Entry sphere, rotation, rest, and a point of the shaft, by what other tasks are made of."""
+    reach = 0.002
+    for state, reference in cycles(arm):
+        known, nv = cycle(state, reference), state.angles.size
+        rcm, pose = (
+            oracles.tasks.residual(task, state, reference) for task in (RcmTask(), PoseTask())
+        )
+        e, half = rcm.error, slice(0, 4)
+        point, shaft = reference.pivot, state.shaft
+        expected: dict[str, Any] = {
+            "entry": (
+                [(e @ e - reach**2) / (2.0 * reach)],
+                (e @ rcm.jacobian)[None] / reach,
+                [e @ rcm.drift / reach],
+            ),
+            "rotation": (pose.error[half], pose.jacobian[half], pose.drift[half]),
+            "still": (np.zeros(nv), np.eye(nv), np.zeros(nv)),
+            "at_trocar": (
+                shaft.point(shaft.tip) - point, shaft.jacobian(shaft.tip), -reference.pivot_dot
+            ),
+        }  # fmt: skip
+        for kind, parts in expected.items():
+            block = _kernel.Block(kind, **({"reach": reach} if kind == "entry" else {}))
+            for mine, part in zip(block.rows(*known), parts, strict=True):
+                assert_allclose(mine, part, rtol=0, atol=1e-10, err_msg=kind)
+
+
+def test_a_goal_reduces_the_error_of_its_task_at_the_gain() -> None:
+    for state, reference in cycles("panda"):
+        known = cycle(state, reference)
+        for task in tasks("panda"):
+            block = block_of(task)
+            assert block is not None
+            error, jacobian, drift = block.rows(*known)
+            A, b = block.goal(*known, 50.0)
+            assert np.array_equal(A, jacobian)
+            assert_allclose(b, -50.0 * error - drift, rtol=0, atol=1e-13)
+            assert not any(part.flags.writeable for part in (A, b))
+    joints: Any = JointLimits(insertion("panda").arm, T).block
+    with pytest.raises(TypeError, match="only a task has a goal"):
+        joints.goal(*known, 50.0)
+    with pytest.raises(TypeError, match="takes 11 arguments"):
+        joints.goal(*known)
 
 
 @pytest.mark.parametrize("arm", ARMS)

@@ -10,7 +10,7 @@ from loop import Array, Cycle, Work, serve
 import rcmqp
 from rcmqp.controllers import CONTROLLERS, Controller, HierarchicalQP, controller_options
 from rcmqp.limits import JointLimits
-from rcmqp.qp import hierarchy_backends, solver_names
+from rcmqp.qp import hierarchy_backends
 from rcmqp.tasks import PoseTask, PostureTask, RcmTask, Task, TipTask
 
 POSE = ("dual_quaternion", "pose_error", "damped")
@@ -36,8 +36,7 @@ def _controllers() -> Iterator[tuple[str, Make]]:
         if chooses is None:
             yield f"{task}/{name}", make
             continue
-        backends = hierarchy_backends() if name == "hierarchical_qp" else solver_names()
-        for backend in backends:
+        for backend in hierarchy_backends():
             label = f"{name}{'' if backend == options[chooses] else f', {backend}'}"
             yield f"{task}/{label}", partial(make, **{chooses: backend})
 

@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rcmqp._kernel import Block
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, bounded_gain
-from rcmqp.controllers.pseudoinverse import in_order
+from rcmqp.controllers.pseudoinverse import Levels, in_order, inverse
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import between
-from rcmqp.references.view import Reference
+from rcmqp.references.view import Reference, cycle
 from rcmqp.tasks import TipTask
 from rcmqp.world.arm import ArmState
 
@@ -97,7 +99,15 @@ class Aghakhani(Controller):
 
     @functools.cached_property
     def _tip(self) -> TipTask:
-        return TipTask.made_for(self.insertion, gain=self.gain)
+        return TipTask()
+
+    @functools.cached_property
+    def _at_trocar(self) -> Block:
+        return Block("at_trocar")
+
+    @functools.cached_property
+    def _inverse(self) -> Array:
+        return inverse(self.tolerance)
 
     def reset(self) -> None:
         """Forget lambda; the next step starts it from the projection."""
@@ -111,26 +121,21 @@ class Aghakhani(Controller):
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""
         reference = reference if self.feed_forward else at_rest(reference)
-        shaft = state.shaft
-        first = shaft.tip - self.insertion.instrument.length
-        p_i, J_i = shaft.point(first), shaft.jacobian(first)
-        p_next, J_next = shaft.point(shaft.tip), shaft.jacobian(shaft.tip)
-        along = p_next - p_i
-        lam = self._lambda.value
+        length, tip = self.insertion.instrument.length, state.tool_at[0]
+        first, z, lam = tip - length, state.oMe.rotation[:, 2], self._lambda.value
         if self.reproject or lam is None:
-            lam = float((reference.pivot - p_i) @ along / (along @ along))
-        p_rcm = p_i + lam * along
-        J_rcm = np.column_stack([J_i + lam * (J_next - J_i), along])
-        b_rcm = self.rcm_gain * (reference.pivot - p_rcm) + reference.pivot_dot
-        tip = self._tip.level(state, reference)
-        J_t, b_t = np.column_stack([tip.A, np.zeros(3)]), tip.b
-
-        w = np.zeros(J_rcm.shape[1])
-        w[-1] = self.lambda_gain * (self.lambda_rest - lam)
+            lam = (float((reference.pivot - state.oMe.translation) @ z) - first) / length
+        known, at = cycle(state, reference), (first + lam * length,)
+        J_t, b_t = self._tip.block.goal(*known, self.gain)
+        J_i, b_rcm = self._at_trocar.goal(*known[:-1], at, self.rcm_gain)
+        n = state.angles.size
+        J, w = np.zeros((6, n + 1)), np.zeros(n + 1)
+        J[:3, :n], J[3:, :n], J[3:, n] = J_t, J_i, length * z
+        w[n] = self.lambda_gain * (self.lambda_rest - lam)
         if self.rcm_first:
-            levels = [(J_rcm, b_rcm), (J_t, b_t)]
+            levels: Levels = (J[3:], b_rcm), (J[:3], b_t)
         else:
-            levels = [(np.vstack([J_t, J_rcm]), np.concatenate([b_t, b_rcm]))]
-        u, least = in_order(levels, w, self.tolerance)
+            levels = ((J, np.concatenate([b_t, b_rcm])),)
+        u, least = in_order(levels, self._inverse, w)
         self._lambda.value = lam + self.period * float(u[-1])
-        return Command(u[:-1].copy(), {"lambda": lam, "least_singular_value": least})
+        return Command.of(u[:-1].copy(), {"lambda": lam, "least_singular_value": least})

@@ -14,7 +14,7 @@ from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import Metadata, at_least, declared, positive
-from rcmqp.references.view import Reference
+from rcmqp.references.view import STILL, Reference
 from rcmqp.world.arm import ArmState
 
 UNIT_TOLERANCE = 1e-6
@@ -116,6 +116,10 @@ def fault(state: ArmState, reference: Reference) -> str:
 _SIZES = {"x_d": 8, "x_d_dot": 8, "pivot": 3, "pivot_dot": 3}
 
 
+_POSE_AT_REST: Array = np.zeros(8)
+_POSE_AT_REST.setflags(write=False)
+
+
 def at_rest(reference: Reference) -> Reference:
     """The reference as a law sees it that knows no rates."""
-    return Reference(reference.x_d, np.zeros(8), reference.pivot, np.zeros(3))
+    return Reference(reference.x_d, _POSE_AT_REST, reference.pivot, STILL)

@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rcmqp import _kernel
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import Given
-from rcmqp.controllers.pseudoinverse import SingularValues
 from rcmqp.errors import OptionError
-from rcmqp.maths import dualquaternion as dq
-from rcmqp.maths.dualquaternion import C8, Array
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import at_least, between, finite, one_of, positive
 from rcmqp.references.view import Reference
 from rcmqp.tasks.base import block_of
@@ -181,44 +178,3 @@ class DualQuaternion(Controller):
         )
         numbers = {"objective": c, "sigma_6_of_N": sigma_6, "rank": rank, "scale": scale}
         return Command.of(v, numbers)
-
-    def law(self, state: ArmState, reference: Reference) -> Command:
-        """The law as equations (3), (4) and (6) have it, in numpy: what step() computes."""
-        x_d = dq.align_sign(reference.x_d, state.x)
-        x_d_dot = reference.x_d_dot if x_d @ reference.x_d > 0.0 else -reference.x_d_dot
-
-        x_conj = dq.conj(state.x)
-        wanted = self.gain * (dq.IDENTITY - dq.mul(x_conj, x_d))
-        if self.feed_forward:
-            wanted = wanted - dq.mul(x_conj, x_d_dot)
-        N = dq.H8_minus(x_d) @ C8 @ state.J_dq
-
-        svd = SingularValues.of(N, rank=6)
-        kept = svd.kept(self.tolerance)
-        v = svd.solve(self._inverse(svd.s, kept), wanted)
-
-        c, J_c = self._objective.evaluate(state)
-        v_0 = self.K_c * (self.c_d - c) * J_c
-        v = v + svd.remainder(v_0, svd.kept(RANK_TOLERANCE))  # P v_0, P = I - N^+ N
-
-        v, scale = self._limit(v)
-        numbers = (c, float(svd.s[-1]), float(kept.sum()), scale)
-        return Command(v, dict(zip(self.diagnostics, numbers, strict=True)))
-
-    def _inverse(self, s: Array, kept: NDArray[np.bool_]) -> Array:
-        """Inverse of N's singular values (6,): truncated, or damped where the option says so."""
-        if self.damping == 0.0 or s[-1] >= self.damping_from:
-            lambda_2 = 0.0
-        else:
-            lambda_2 = self.damping**2 * (1.0 - (s[-1] / self.damping_from) ** 2)
-        return np.divide(s, s**2 + lambda_2, out=np.zeros_like(s), where=kept)
-
-    def _limit(self, v: Array) -> tuple[Array, float]:
-        """Velocity (nv,) within the limits as the option says, and the share kept of it."""
-        limits = self.insertion.arm.velocity
-        excess = float(np.max(np.abs(v) / limits))
-        if self.velocity_limit == "none" or excess <= 1.0:
-            return v, 1.0
-        if self.velocity_limit == "scale":
-            v = v / excess  # what np.clip takes from this is rounding
-        return np.clip(v, -limits, limits), 1.0 / excess

@@ -8,11 +8,10 @@ from typing import ClassVar
 
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, bounded_gain
-from rcmqp.controllers.pseudoinverse import SingularValues
-from rcmqp.maths import dualquaternion as dq
+from rcmqp.controllers.pseudoinverse import in_order, inverse
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import between, positive
-from rcmqp.references.view import Reference
+from rcmqp.references.view import Reference, cycle
 from rcmqp.tasks import PoseTask
 from rcmqp.world.arm import ArmState
 
@@ -56,14 +55,20 @@ class PoseError(Controller):
     tolerance: float = field(default=1e-3, metadata=between(0.0, 1.0))
     feed_forward: bool = False
 
+    @functools.cached_property
+    def _inverse(self) -> Array:
+        return inverse(self.tolerance)
+
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""
-        reference = reference if self.feed_forward else at_rest(reference)
-        side = -1.0 if dq.P(state.x) @ dq.P(reference.x_d) < 0.0 else 1.0
-        wanted = self.gain * (side * reference.x_d - state.x) + side * reference.x_d_dot
-        svd = SingularValues.of(state.J_dq, rank=6)
-        v = svd.solve(svd.truncated(svd.kept(self.tolerance)), wanted)
-        return Command(v, {"least_singular_value": float(svd.s[-1])})
+        x_d, x_d_dot = reference.x_d, reference.x_d_dot
+        if state.x[:4] @ x_d[:4] < 0.0:
+            x_d, x_d_dot = -x_d, -x_d_dot
+        wanted = self.gain * (x_d - state.x)
+        if self.feed_forward:
+            wanted += x_d_dot
+        v, least = in_order(((state.J_dq, wanted),), self._inverse)
+        return Command.of(v, {"least_singular_value": least})
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,19 +127,15 @@ class Damped(Controller):
 
     @functools.cached_property
     def _pose(self) -> PoseTask:
-        return PoseTask(gain=self.gain)
+        return PoseTask()
+
+    @functools.cached_property
+    def _inverse(self) -> Array:
+        return inverse(beta=self.beta, lambda_max=self.lambda_max, epsilon=self.epsilon)
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""
         reference = reference if self.feed_forward else at_rest(reference)
-        rows = self._pose.level(state, reference)  # -N v = -K e
-        svd = SingularValues.of(rows.A, rank=6)
-        v = svd.solve(self._inverse(svd.s), rows.b)
-        return Command(v, {"least_singular_value": float(svd.s[-1])})
-
-    def _inverse(self, s: Array) -> Array:
-        """Damped inverses of the singular values (6,)."""
-        damping = s * 0.0 + self.beta**2
-        if s[-1] < self.epsilon:
-            damping[-1] += self.lambda_max**2 * (1.0 - (s[-1] / self.epsilon) ** 2)
-        return s / (s**2 + damping)
+        level = self._pose.block.goal(*cycle(state, reference), self.gain)  # -N v = -K e
+        v, least = in_order((level,), self._inverse)
+        return Command.of(v, {"least_singular_value": least})

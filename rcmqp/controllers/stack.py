@@ -125,15 +125,22 @@ class Stack:
         self._compiled.reset()
 
     def step(
-        self, state: ArmState, reference: Reference
+        self, state: ArmState, reference: Reference, evaluated: Evaluated | None = None
     ) -> tuple[Array, dict[str, float], HierarchySolution]:
         """The lexicographic optimum (nv,), what is recorded of it, and its account.
+
+        Args:
+            state: of the arm.
+            reference: what the tasks are asked for.
+            evaluated: what tasks and limits that are written in Python give, where it is known.
 
         Raises:
             InvalidProblem: what a task or a limit in Python gives is not usable.
             WrongShape: they give more rows than there is room for.
         """
-        residuals, constraints, given = self._rows(state, reference) if self._asks else NOTHING
+        if evaluated is None:
+            evaluated = self._rows(state, reference) if self._asks else NOTHING
+        residuals, constraints, given = evaluated
         hierarchy = self._hierarchy if self._has_backend else None
         found = self._compiled.step(
             state.x,

@@ -25,20 +25,17 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-import pinocchio as pin
 
+from rcmqp import _kernel
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, bounded_gain
-from rcmqp.controllers.pseudoinverse import in_order
+from rcmqp.controllers.pseudoinverse import in_order, inverse
 from rcmqp.maths.dualquaternion import Array, translation
 from rcmqp.maths.options import at_least, between, finite, options, positive, refused
-from rcmqp.references.view import Reference
+from rcmqp.references.view import STILL, Reference, cycle
 from rcmqp.tasks import ObjectiveTask, RcmTask, TipTask
 from rcmqp.tasks.objectives import make_objective
-from rcmqp.world.arm import ArmState, kinematic_hessian
-
-SINGULAR = 1e-12
-"""Below this share of the largest, a singular value is taken for this when J^+ shows the way."""
+from rcmqp.world.arm import ArmState
 
 
 @options
@@ -88,40 +85,17 @@ class TaskReconstruction:
         For the right-hand side of any rows of the tip: TipTask's level, and so a level of a
         hierarchy below the RCM's.
         """
-        m, g = manipulability(*shaft_jacobian(state, reference))
-        return self.reconstruct(wanted, m, state.oMe.rotation @ g[2:]), m
+        m, g = manipulability(state, reference)
+        return self.reconstruct(wanted, m, g[2:]), m
 
 
-def shaft_jacobian(state: ArmState, reference: Reference) -> tuple[Array, Array]:
-    """Jacobian J (5, nv) of the RCM's rows and the tip, and its derivative (5, nv, nv).
-
-    In the effector's axes: two rows of RcmTask, d(pivot, x and y)/dq; then three rows, the
-    tip's velocity. The last axis of the derivative is the joint that moves.
-    """
-    H = kinematic_hessian(state.J_local)
-    r = state.oMe.actInv(reference.pivot)
-    nu, omega = state.J_local[:3], state.J_local[3:]
-    shaft = np.diag([1.0, 1.0, 0.0])  # takes the spin out, as RcmTask does
-    r_dot, turned = pin.skew(r) @ omega - nu, shaft @ omega
-    seen = pin.skew(r) @ turned - nu
-    seen_dot = np.cross(r_dot[:, None, :], turned[:, :, None], axis=0)
-    seen_dot = seen_dot + np.einsum("ab,bij->aij", pin.skew(r) @ shaft, H[3:]) - H[:3]
-    a = pin.skew(state.oMe.actInv(state.tool.oMt.translation))
-    tip, tip_dot = nu - a @ omega, H[:3] - np.einsum("ab,bij->aij", a, H[3:])
-    return np.vstack([seen[:2], tip]), np.concatenate([seen_dot[:2], tip_dot])
-
-
-def manipulability(J: Array, dJ: Array) -> tuple[float, Array]:
-    """Measure m = sqrt(det J J^T) and g = J^(+T) grad m (k,), of J (k, nv), dJ/dq (k, nv, nv).
+def manipulability(state: ArmState, reference: Reference) -> tuple[float, Array]:
+    """Measure m = sqrt(det J J^T) and g = J^(+T) grad m (5,), J the rows of RcmTask and TipTask.
 
     The gradient is built without dividing by m, so it is right at a singularity, too, where
     J^+ is not: there the direction that J has lost is what g points along.
     """
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    others = np.prod(np.where(np.eye(len(s)), 1.0, s), axis=1)  # m / s_i, also where s_i = 0
-    gradient = np.einsum("ri,rik->k", (U * others) @ Vt, dJ)
-    g = U @ ((Vt @ gradient) / np.maximum(s, SINGULAR * s[0]))
-    return float(np.prod(s)), np.asarray(g)
+    return _kernel.manipulability(*cycle(state, reference))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,11 +165,24 @@ class TaskPriority(Controller):
         super().__post_init__()
         if self.objective:
             make_objective(self.objective, self.insertion.arm)  # refuses an unknown name
-        _ = self._tip, self._objective, self._reconstruction  # made before the first cycle
+        _ = (
+            self._rcm,
+            self._tip,
+            self._objective,
+            self._reconstruction,
+        )  # made before the first cycle
+
+    @functools.cached_property
+    def _rcm(self) -> RcmTask:
+        return RcmTask()
 
     @functools.cached_property
     def _tip(self) -> TipTask:
-        return TipTask.made_for(self.insertion, gain=self.gain)
+        return TipTask()
+
+    @functools.cached_property
+    def _inverse(self) -> Array:
+        return inverse(self.tolerance)
 
     @functools.cached_property
     def _objective(self) -> ObjectiveTask | None:
@@ -214,21 +201,22 @@ class TaskPriority(Controller):
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One evaluation of the law."""
         reference = reference if self.feed_forward else at_rest(reference)
-        rcm, tip = RcmTask().evaluate(state, reference), self._tip.level(state, reference)
-        b_rcm, b_tip = -self.rcm_gain * rcm.error - rcm.drift, tip.b
-        rest, diagnostics = np.zeros(state.angles.size), {}
+        known = cycle(state, reference)
+        rcm = self._rcm.block.goal(*known, self.rcm_gain)
+        J_tip, b_tip = self._tip.block.goal(*known, self.gain)
+        rest, diagnostics = None, {}
         if self._reconstruction is not None:
             b_tip, m = self._reconstruction.of_tip(state, reference, b_tip)
             diagnostics["manipulability"] = m
         if self._objective is not None:
-            rest = self._objective.level(state, reference).b
-        v, least = in_order([(rcm.jacobian, b_rcm), (tip.A, b_tip)], rest, self.tolerance)
-        return Command(v, {**diagnostics, "least_singular_value": least})
+            rest = -self._objective.evaluate(state, reference).drift
+        v, least = in_order((rcm, (J_tip, b_tip)), self._inverse, rest)
+        return Command.of(v, {**diagnostics, "least_singular_value": least})
 
     def _manipulability_at_start(self) -> float:
         insertion = self.insertion
-        still = Reference(insertion.x_rcm, np.zeros(8), translation(insertion.x_rcm), np.zeros(3))
-        return manipulability(*shaft_jacobian(insertion.state(insertion.q_start), still))[0]
+        still = Reference(insertion.x_rcm, np.zeros(8), translation(insertion.x_rcm), STILL)
+        return manipulability(insertion.state(insertion.q_start), still)[0]
 
 
 @dataclass(frozen=True, eq=False)

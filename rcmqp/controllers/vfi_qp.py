@@ -4,22 +4,100 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
+from rcmqp import _kernel
+from rcmqp._kernel import Block
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.given import Given
-from rcmqp.limits import KeepOut, combine
+from rcmqp.controllers.one_level import INFEASIBLE, OneLevel, Still
+from rcmqp.controllers.stack import Evaluated
+from rcmqp.limits import Constraint, KeepOut, Limit
+from rcmqp.limits.base import CompiledLimit
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.options import between, positive
-from rcmqp.qp import Bounds, Hierarchy, Level, get_solver
-from rcmqp.references.view import Reference
-from rcmqp.tasks import PoseTask, RcmTask, TipTask
+from rcmqp.references.view import Reference, cycle
+from rcmqp.tasks import TipTask
+from rcmqp.tasks.base import CompiledTask
 from rcmqp.world.arm import ArmState
+
+
+@dataclass(frozen=True, eq=False)
+class Rotation(CompiledTask):
+    """Turn the effector as x_d: the rotation's part of PoseTask, e = 1 - vec(r* r_d)."""
+
+    name: ClassVar[str] = "rotation"
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """Error (4,), no unit."""
+        return Block("rotation")
+
+
+@dataclass(frozen=True, eq=False)
+class JointRows(CompiledLimit):
+    """Keep rate (lower - q) <= v <= rate (upper - q), and |v| <= speed.
+
+    JointLimits of joints that may stop within a cycle, with 1 / rate for the period.
+
+    Attributes:
+        lower, upper: (nv,) position limits [rad] or [m].
+        speed: (nv,) speed limits, inf for none.
+        rate: [1/s].
+    """
+
+    name: ClassVar[str] = "joint_rows"
+
+    lower: Array
+    upper: Array
+    speed: Array
+    rate: float
+
+    @functools.cached_property
+    def block(self) -> Block:
+        """The box."""
+        free = np.full(self.speed.size, np.inf)
+        others = dict.fromkeys(("acceleration", "jerk", "braking", "easing"), free)
+        own = {"lowest": self.lower, "highest": self.upper, "velocity": self.speed}
+        return Block("joints", period=1.0 / self.rate, **own, **others)
+
+
+@dataclass(frozen=True, eq=False)
+class EntryRow(Limit):
+    """The shaft's line through a sphere about the trocar, as VfiQP has it.
+
+    It is the row of a task with the error (D - d_safe^2) / (2 d_safe), as an inequality.
+
+    Attributes:
+        d_safe: radius [m].
+        gain: eta_d [1/s].
+        nv: joints.
+    """
+
+    name: ClassVar[str] = "entry_row"
+
+    d_safe: float
+    gain: float
+    nv: int
+
+    @functools.cached_property
+    def _free(self) -> Array:
+        free = np.array([[-np.inf], [np.inf]]).repeat(self.nv, axis=1)
+        free.setflags(write=False)
+        return free
+
+    @functools.cached_property
+    def _row(self) -> Block:
+        return Block("entry", reach=self.d_safe)
+
+    def evaluate(self, state: ArmState, reference: Reference) -> Constraint:
+        """The row J_l,p u <= eta_d (d_safe^2 - D_l,p) - dD_l,p/dt, over 2 d_safe [m/s]."""
+        C, d = self._row.goal(*cycle(state, reference), self.gain)
+        return _kernel.record(Constraint, *self._free, C, d, ("entry sphere",))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +158,7 @@ class VfiQP(Controller):
         vfi_gain: eta_d [1/s].
         joint_gain: how fast a joint may approach its limits of position [1/s]; 0 for ``gain``.
         velocity_limits: keep the joints' speed limits, too.
-        solver: name of the QP backend, see ``rcmqp.qp.solver_names()``.
+        solver: ``active_set``, the hierarchy's own, or any of the QP solvers, see Hierarchy.
         feed_forward: know the velocities of the reference and of the trocar.
     """
 
@@ -99,7 +177,7 @@ class VfiQP(Controller):
     vfi_gain: float = field(default=2.0, metadata=bounded_gain(up_to=1.0))
     joint_gain: float = field(default=0.0, metadata=bounded_gain(up_to=1.0, or_zero=True))
     velocity_limits: bool = False
-    solver: str = "proxqp"
+    solver: str = "active_set"
     feed_forward: bool = False
 
     def __post_init__(self) -> None:
@@ -111,24 +189,32 @@ class VfiQP(Controller):
             SolverNotInstalled: its package is missing.
         """
         super().__post_init__()
-        get_solver(self.solver)  # says what is wrong with the name
-        _ = self._tip, self._obstacles, self._hierarchy  # made before the first cycle
+        _ = self._sphere, self._qp  # made before the first cycle
 
     @property
     def _joint_rate(self) -> float:
         return min(self.joint_gain or self.gain, 1.0 / self.period)
 
     @functools.cached_property
-    def _tip(self) -> TipTask:
-        return TipTask.made_for(self.insertion)
+    def _sphere(self) -> EntryRow:
+        return EntryRow(self.d_safe, self.vfi_gain, self.insertion.arm.nv)
 
     @functools.cached_property
-    def _obstacles(self) -> tuple[KeepOut, ...]:
-        return KeepOut.obstacles(self.insertion, gain=self.vfi_gain)
-
-    @functools.cached_property
-    def _hierarchy(self) -> Hierarchy:
-        return Hierarchy(self.solver)
+    def _qp(self) -> OneLevel:
+        strict: dict[str, float] = {"gain": self.gain, "damping": 0.0}
+        tasks = (
+            TipTask(weight=self.alpha, **strict),
+            Rotation(weight=1.0 - self.alpha, **strict),
+            Still(weight=self.damping**2, damping=0.0),
+        )
+        arm = self.insertion.arm
+        speed = arm.velocity if self.velocity_limits else np.full(arm.nv, np.inf)
+        limits = (
+            self._sphere,
+            JointRows(arm.lower, arm.upper, speed, self._joint_rate),
+            *KeepOut.obstacles(self.insertion, gain=self.vfi_gain),
+        )
+        return OneLevel(tasks, limits, arm, self.period, self.solver)
 
     @property
     def given(self) -> Given:
@@ -138,55 +224,24 @@ class VfiQP(Controller):
 
     def reset(self) -> None:
         """Forget the solver's warm start."""
-        self._hierarchy.reset()
+        self._qp.reset()
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """Solve the QP once."""
         reference = reference if self.feed_forward else at_rest(reference)
-        C, d = self._entry_sphere(state, reference)
-        lower, upper = self._box(state)
-        out = combine(self._obstacles, state, reference)
-        bounds = Bounds(
-            lower,
-            upper,
-            np.vstack([C, out.C]),
-            np.concatenate([d, out.d]),
-            (*self.insertion.arm.joints, "entry sphere", *out.names[lower.size :]),
-        )
-        solution = self._hierarchy.solve([self._objective(state, reference)], bounds)
-        infeasible = not solution.limits_hold
-        if infeasible or not solution.exact:
-            reason = "the inequalities cannot all hold" if infeasible else "no verified optimum"
-            numbers = {"infeasible": float(infeasible)}
-            return self.safe_stop(state, reason, numbers, solution)
-        slack = float((d - C @ solution.v)[0])
-        return Command(solution.v.copy(), {"infeasible": 0.0, "sphere_slack": slack}, solution)
+        if self.velocity_limits and self._too_far(state):
+            return self.safe_stop(state, INFEASIBLE, {"infeasible": 1.0})
+        row = self._sphere.evaluate(state, reference)
+        given: Evaluated = [], [row], [(row.lower, row.upper, row.C, row.d)]
+        solution, wrong = self._qp.solve(state, reference, given)
+        if wrong:
+            numbers = {"infeasible": float(wrong == INFEASIBLE)}
+            return self.safe_stop(state, wrong, numbers, solution)
+        slack = float(row.d[0] - row.C[0] @ solution.v)
+        return Command.of(solution.v, {"infeasible": 0.0, "sphere_slack": slack}, solution)
 
-    def _objective(self, state: ArmState, reference: Reference) -> Level:
-        """The three terms as the rows of one sum of squares."""
-        tip, pose = self._tip.evaluate(state, reference), PoseTask().evaluate(state, reference)
-        J_t, b_t = tip.jacobian, -self.gain * tip.error - tip.drift
-        N_r, e_r = -pose.jacobian[:4], -pose.error[:4]  # PoseTask's error is 1 - r* r_d = -e_r
-        b_r = -self.gain * e_r + pose.drift[:4]
-        root, rest, n = math.sqrt(self.alpha), math.sqrt(1.0 - self.alpha), state.angles.size
-        return Level(
-            np.vstack([root * J_t, rest * N_r, self.damping * np.eye(n)]),
-            np.concatenate([root * b_t, rest * b_r, np.zeros(n)]),
-            "tool",
-        )
-
-    def _entry_sphere(self, state: ArmState, reference: Reference) -> tuple[Array, Array]:
-        """The row J_l,p u <= eta_d (d_safe^2 - D_l,p) - dD_l,p/dt, over 2 d_safe."""
-        rcm = RcmTask().evaluate(state, reference)
-        D, J_D = rcm.error @ rcm.error, 2.0 * rcm.error @ rcm.jacobian
-        room = self.vfi_gain * (self.d_safe**2 - D) - 2.0 * rcm.error @ rcm.drift
-        return J_D[None] / (2.0 * self.d_safe), np.array([room / (2.0 * self.d_safe)])
-
-    def _box(self, state: ArmState) -> tuple[Array, Array]:
-        """Bounds (n,) of u [rad/s]."""
-        arm = self.insertion.arm
-        lower = self._joint_rate * (arm.lower - state.angles)
-        upper = self._joint_rate * (arm.upper - state.angles)
-        if self.velocity_limits:
-            return np.maximum(lower, -arm.velocity), np.minimum(upper, arm.velocity)
-        return lower, upper
+    def _too_far(self, state: ArmState) -> bool:
+        """Whether a joint is so far beyond a limit that it cannot come back at its rate."""
+        arm, way = self.insertion.arm, state.angles
+        back = self._joint_rate * np.maximum(arm.lower - way, way - arm.upper)
+        return bool((back > arm.velocity).any())

@@ -6,17 +6,14 @@ import functools
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import JOINT_LIMITS
 from rcmqp.controllers.hierarchical_qp import default_limits
-from rcmqp.limits import Limit, combine
+from rcmqp.controllers.one_level import OneLevel, Still
 from rcmqp.maths.options import at_least, positive
-from rcmqp.qp import QP, QPSolver, Status, get_solver
 from rcmqp.references.view import Reference
-from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, TipTask, Together
+from rcmqp.tasks import ObjectiveTask, RcmTask, RollTask, Task, TipTask
 from rcmqp.world.arm import ArmState
 
 
@@ -31,8 +28,9 @@ class WeightedQP(Controller):
     the arm runs out of speed, the RCM gives way a little, the more the smaller its weight; and
     the larger it is, the worse the QP is conditioned.
 
-    A QP that the backend does not solve, because hard rows cannot all hold, say, ends in the
-    safe stop.
+    The QP is solved as a hierarchy of one level: whatever the backend proposes is computed again
+    in closed form and verified, so the answer is the optimum, and the same bits each time. A QP
+    without an answer, because hard rows cannot all hold, say, ends in the safe stop.
 
     Attributes:
         gain: K of every task [1/s]; K T must be below 2.
@@ -42,8 +40,7 @@ class WeightedQP(Controller):
         objective_weight: of the objective's velocity; 0 leaves it out.
         damping: of the joint velocity.
         limit_gain: how fast the trocar's limits may be approached [1/s].
-        backend: any of the QP solvers. DAQP, because ProxQP leaves one QP in five of these badly
-            conditioned ones unsolved when the arm is at its limits.
+        backend: ``active_set``, the hierarchy's own, or any of the QP solvers, see Hierarchy.
     """
 
     name: ClassVar[str] = "weighted_qp"
@@ -62,7 +59,7 @@ class WeightedQP(Controller):
     objective_weight: float = field(default=1e-6, metadata=at_least(0.0))
     damping: float = field(default=1e-8, metadata=at_least(0.0))
     limit_gain: float = field(default=60.0, metadata=bounded_gain(below=1.0))
-    backend: str = "daqp"
+    backend: str = "active_set"
 
     def __post_init__(self) -> None:
         """Check the options; make tasks, limits and the solver.
@@ -73,47 +70,31 @@ class WeightedQP(Controller):
             SolverNotInstalled: the backend's package is missing.
         """
         super().__post_init__()
-        _ = self._tasks, self._limits, self._solver  # made before the first cycle
+        _ = self._qp  # made before the first cycle
 
     @functools.cached_property
-    def _tasks(self) -> Together:
+    def _qp(self) -> OneLevel:
         insertion, gain = self.insertion, self.gain
-        tasks = (
-            RcmTask(gain=gain, weight=self.rcm_weight)
-            + TipTask.made_for(insertion, gain=gain, weight=self.tip_weight)
-            + RollTask(gain=gain, weight=self.roll_weight)
-        )
+        strict: dict[str, float] = {"gain": gain, "damping": 0.0}
+        tasks: list[Task] = [
+            RcmTask(weight=self.rcm_weight, **strict),
+            TipTask(weight=self.tip_weight, **strict),
+            RollTask(weight=self.roll_weight, **strict),
+        ]
         if self.objective_weight > 0.0:
-            tasks += ObjectiveTask.made_for(insertion, weight=self.objective_weight)
-        return tasks
-
-    @functools.cached_property
-    def _limits(self) -> tuple[Limit, ...]:
-        return default_limits(self.insertion, self.period, self.limit_gain)
-
-    @functools.cached_property
-    def _solver(self) -> QPSolver:
-        return get_solver(self.backend)
+            tasks.append(ObjectiveTask.made_for(insertion, weight=self.objective_weight))
+        if self.damping > 0.0:
+            tasks.append(Still(weight=self.damping, damping=0.0))
+        limits = default_limits(insertion, self.period, self.limit_gain)
+        return OneLevel(tasks, limits, insertion.arm, self.period, self.backend)
 
     def reset(self) -> None:
         """Forget the solver's warm start."""
-        self._solver.reset()
+        self._qp.reset()
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One QP."""
-        level = self._tasks.level(state, reference)
-        bounds = combine(self._limits, state, reference)
-        n = len(bounds.lower)
-        qp = QP.build(
-            level.A.T @ level.A + self.damping * np.eye(n),
-            -(level.A.T @ level.b),
-            C=bounds.C,
-            d=bounds.d,
-            lb=bounds.lower,
-            ub=bounds.upper,
-        )
-        solution = self._solver.solve(qp)
-        if solution.status is not Status.SOLVED or not np.isfinite(solution.v).all():
-            reason = f"the QP has no solution: {solution.status.value}"
-            return self.safe_stop(state, reason, account=solution)
-        return Command(np.clip(solution.v, bounds.lower, bounds.upper), {}, solution)
+        solution, wrong = self._qp.solve(state, reference)
+        if wrong:
+            return self.safe_stop(state, f"the QP has no solution: {wrong}", account=solution)
+        return Command.of(solution.v, {}, solution)

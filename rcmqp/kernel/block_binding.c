@@ -22,11 +22,15 @@ static const struct {
 } kinds[KINDS] = {
     [RCM] = {"rcm", "period", ""},
     [TIP] = {"tip", "", ""},
+    [AT_TROCAR] = {"at_trocar", "", ""},
     [DEPTH] = {"depth", "", ""},
     [ROLL] = {"roll", "", ""},
     [DIRECTION] = {"direction", "", ""},
     [POSE] = {"pose", "", ""},
+    [ENTRY] = {"entry", "reach", ""},
+    [ROTATION] = {"rotation", "", ""},
     [ORIENTATION] = {"orientation", "orientation", ""},
+    [STILL] = {"still", "", ""},
     [POSTURE] = {"posture", "", "posture continuous"},
     [OBJECTIVE] = {"objective", "K_c c_d", ""},
     [JOINTS] = {"joints", "period",
@@ -247,8 +251,8 @@ int read_cycle(PyObject *const *args, Cycle *cycle)
     return 1;
 }
 
-/* Rows of a block at a cycle: of a task, or of a limit. */
-static PyObject *rows_at(const Block *block, const Cycle *cycle)
+/* Rows of a block at a cycle: of a task, or of a limit; with a gain, of a task as goal() gives them. */
+static PyObject *rows_at(const Block *block, const Cycle *cycle, const double *gain)
 {
     const int n = cycle->n, m = rows_of(block, n);
     if (m < 0) {
@@ -267,8 +271,9 @@ static PyObject *rows_at(const Block *block, const Cycle *cycle)
     PyObject *rows;
     if (block->kind < FIRST_LIMIT) {
         task_rows(cycle, block, A, b, e, &arena);
-        for (int i = 0; i < m; ++i) b[i] = -b[i];
-        rows = Py_BuildValue("(NNN)", copied(e, m, -1), copied(A, m, n), copied(b, m, -1));
+        for (int i = 0; i < m; ++i) b[i] = gain == NULL ? -b[i] : b[i] - *gain * e[i];
+        if (gain != NULL) rows = Py_BuildValue("(NN)", copied(A, m, n), copied(b, m, -1));
+        else rows = Py_BuildValue("(NNN)", copied(e, m, -1), copied(A, m, n), copied(b, m, -1));
     } else {
         for (int i = 0; i < n; ++i) lower[i] = -INFINITY, upper[i] = INFINITY;
         limit_rows(cycle, block, lower, upper, A, b);
@@ -293,9 +298,22 @@ static PyObject *block_rows(BlockObject *self, PyObject *const *args, Py_ssize_t
     int read = 0;
     while (read < CYCLE_ARRAYS && (arrays[read] = (PyObject *)numbers_in(args[read])) != NULL)
         ++read;
-    if (read == CYCLE_ARRAYS && read_cycle(arrays, &cycle)) rows = rows_at(&self->block, &cycle);
+    if (read == CYCLE_ARRAYS && read_cycle(arrays, &cycle)) rows = rows_at(&self->block, &cycle, NULL);
     for (int i = 0; i < read; ++i) Py_DECREF(arrays[i]);
     return rows;
+}
+
+/* goal(cycle ..., gain) of a task: A and b of A v = b, which reduces the error at the gain. */
+static PyObject *block_goal(BlockObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    Cycle cycle;
+    if (!counted("goal", count, CYCLE_ARGUMENTS + 1)) return NULL;
+    if (self->block.kind >= FIRST_LIMIT) {
+        PyErr_SetString(PyExc_TypeError, "only a task has a goal");
+        return NULL;
+    }
+    const double gain = number_of(args[CYCLE_ARGUMENTS]);
+    return read_cycle(args, &cycle) ? rows_at(&self->block, &cycle, &gain) : NULL;
 }
 
 /* value(J_local, angles) of an objective: c and its gradient. */
@@ -370,6 +388,8 @@ PyObject *paced(PyObject *self, PyObject *const *args, Py_ssize_t count)
 static PyMethodDef methods[] = {
     {"rows", (PyCFunction)(void (*)(void))block_rows, METH_FASTCALL,
      "Rows of a task or a limit at a state and a reference."},
+    {"goal", (PyCFunction)(void (*)(void))block_goal, METH_FASTCALL,
+     "What a task asks of the joint velocity at a gain."},
     {"interval", (PyCFunction)(void (*)(void))block_interval, METH_FASTCALL,
      "The box of joint limits."},
     {"value", (PyCFunction)(void (*)(void))block_value, METH_FASTCALL,

@@ -1,4 +1,4 @@
-/* The paper's law, equation (6), in one call; DualQuaternion.law() says the same in numpy. */
+/* The paper's law, equation (6), in one call; tests/oracles/law.py says the same in numpy. */
 #ifndef RCMQP_LAW_H
 #define RCMQP_LAW_H
 

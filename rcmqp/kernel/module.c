@@ -14,6 +14,8 @@ PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *paced(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *law(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *in_order(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *manipulability(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *least_singular_values(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -54,6 +56,8 @@ static PyMethodDef methods[] = {
     METHOD(paced, "How fast a damper lets its quantity shrink."),
     METHOD(law, "The paper's law, equation (6)."),
     METHOD(least_singular_values, "Of many Jacobians."),
+    METHOD(in_order, "Least squares in order of priority."),
+    METHOD(manipulability, "Of RCM and tip, and the way out of a singularity."),
     METHOD(from_xyzquat, "Dual quaternion of a placement."),
     METHOD(carried, "A pose moved in the world's axes."),
     METHOD(view_pose, "The reference of a view, equation (5)."),

@@ -85,12 +85,51 @@ static void rcm_rows(const Cycle *cycle, double period, double *A, double *b, do
     }
 }
 
+/* controllers/vfi_qp.py: the squared distance D of the shaft's line from the trocar, as the error
+ * (D - reach^2) / (2 reach). */
+static void entry_rows(const Cycle *cycle, double reach, double *A, double *b, double *e,
+                       Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = cycle->n;
+    double *rows = take(arena, 2 * n), rate[2], r[2];
+    rcm_rows(cycle, 0.0, rows, rate, r);
+    e[0] = 0.5 * (dot(r, r, 2) / reach - reach), b[0] = dot(r, rate, 2) / reach;
+    for (int j = 0; j < n; ++j) A[j] = (r[0] * rows[j] + r[1] * rows[n + j]) / reach;
+    arena->used = mark;
+}
+
+/* A point of the shaft, a (3) in the effector's axes: R a, and its Jacobian A (3, n). */
+static void shaft_point(const Cycle *cycle, const double *a, double *own, double *A)
+{
+    const int n = cycle->n;
+    double nu[3], omega[3], part[3], speed[3];
+    turned(cycle->R, a, own);
+    for (int j = 0; j < n; ++j) {
+        column(cycle, j, nu, omega);
+        cross(omega, a, part);
+        for (int i = 0; i < 3; ++i) part[i] += nu[i];
+        turned(cycle->R, part, speed);
+        for (int i = 0; i < 3; ++i) A[i * n + j] = speed[i];
+    }
+}
+
+/* controllers/aghakhani.py: the point of the shaft where the tip is said to be, at the trocar. */
+static void at_trocar_rows(const Cycle *cycle, double *A, double *b, double *e)
+{
+    const double a[3] = {0.0, 0.0, cycle->tip};
+    double own[3];
+    shaft_point(cycle, a, own, A);
+    for (int i = 0; i < 3; ++i)
+        e[i] = cycle->p[i] + own[i] - cycle->pivot[i], b[i] = cycle->pivot_dot[i];
+}
+
 static void tip_rows(const Cycle *cycle, double *A, double *b, double *e)
 {
     const int n = cycle->n;
     const double a[3] = {0.0, 0.0, cycle->tip};
     double own[3], other[3], speed[3], nu[3], omega[3], part[3];
-    turned(cycle->R, a, own);
+    shaft_point(cycle, a, own, A);
     turned(cycle->R_d, a, other);
     cross(cycle->omega_d, a, part);
     for (int i = 0; i < 3; ++i) part[i] += cycle->nu_d[i];
@@ -102,13 +141,6 @@ static void tip_rows(const Cycle *cycle, double *A, double *b, double *e)
     for (int j = 0; cycle->x_t != NULL && j < n; ++j) {
         column_of(cycle->J_t, n, j, nu, omega);
         turned(cycle->R_t, nu, speed);
-        for (int i = 0; i < 3; ++i) A[i * n + j] = speed[i];
-    }
-    for (int j = 0; cycle->x_t == NULL && j < n; ++j) {
-        column(cycle, j, nu, omega);
-        cross(omega, a, part);
-        for (int i = 0; i < 3; ++i) part[i] += nu[i];
-        turned(cycle->R, part, speed);
         for (int i = 0; i < 3; ++i) A[i * n + j] = speed[i];
     }
 }
@@ -138,6 +170,17 @@ static void pose_rows(const Cycle *cycle, double *A, double *b, double *e)
     make_N(cycle->J, cycle->n, turn, A);
     for (int i = 0; i < 8 * cycle->n; ++i) A[i] = -A[i];
     for (int i = 0; i < 8; ++i) e[i] = (i == 0 ? 1.0 : 0.0) - turn[i], b[i] = turn_dot[i];
+}
+
+static void rotation_rows(const Cycle *cycle, double *A, double *b, double *e, Arena *arena)
+{
+    const size_t mark = arena->used;
+    double *rows = take(arena, 8 * cycle->n), own[8], error[8];
+    pose_rows(cycle, rows, own, error);
+    memcpy(A, rows, sizeof(double) * (size_t)(4 * cycle->n));
+    memcpy(b, own, 4 * sizeof(double));
+    memcpy(e, error, 4 * sizeof(double));
+    arena->used = mark;
 }
 
 /* tasks/orientation.py: with s = r_t r_h* = (w, u), of the signs the one with w >= 0, e = 2 u and
@@ -196,15 +239,22 @@ static void direction_rows(const Cycle *cycle, double *A, double *b, double *e)
     }
 }
 
+/* The joint velocity itself, which is to be zero. */
+static void still_rows(int n, double *A, double *b, double *e)
+{
+    memset(A, 0, sizeof(double) * (size_t)(n * n));
+    for (int i = 0; i < n; ++i) A[i * n + i] = 1.0, b[i] = e[i] = 0.0;
+}
+
 static void posture_rows(const Cycle *cycle, const Block *block, double *A, double *b, double *e)
 {
     const int n = cycle->n;
-    memset(A, 0, sizeof(double) * (size_t)(n * n));
+    still_rows(n, A, b, e);
     for (int i = 0; i < n; ++i) {
         double error = cycle->angles[i] - block->vectors[i];
         if (block->vectors[n + i] != 0.0)
             error -= 2.0 * PI * floor((error + PI) / (2.0 * PI));
-        A[i * n + i] = 1.0, b[i] = 0.0, e[i] = error;
+        e[i] = error;
     }
 }
 
@@ -227,12 +277,13 @@ int rows_of(const Block *block, int n)
     switch (block->kind) {
     case RCM: case DIRECTION: return 2;
     case TROCAR_DEPTH: return 2 + pieces_of(block);
-    case TIP: case ORIENTATION: return 3;
+    case TIP: case AT_TROCAR: case ORIENTATION: return 3;
+    case ROTATION: return 4;
     case POSE: return 8;
-    case POSTURE: case OBJECTIVE: return n;
+    case STILL: case POSTURE: case OBJECTIVE: return n;
     case KEEP_OUT: return tip_only ? 1 : 1 + pieces_of(block);
     case KEEP_IN: return tip_only ? 1 : 2 + pieces_of(block);
-    case DEPTH: case ROLL: case TROCAR_CONE: case ENTRY_SPHERE: return 1;
+    case ENTRY: case DEPTH: case ROLL: case TROCAR_CONE: case ENTRY_SPHERE: return 1;
     default: return 0;
     }
 }
@@ -244,11 +295,15 @@ void task_rows(const Cycle *cycle, const Block *block, double *A, double *b, dou
     switch (block->kind) {
     case RCM: rcm_rows(cycle, block->period, A, b, e); break;
     case TIP: tip_rows(cycle, A, b, e); break;
+    case AT_TROCAR: at_trocar_rows(cycle, A, b, e); break;
     case DEPTH: depth_rows(cycle, A, b, e); break;
     case ROLL: roll_rows(cycle, A, b, e); break;
     case DIRECTION: direction_rows(cycle, A, b, e); break;
     case POSE: pose_rows(cycle, A, b, e); break;
+    case ENTRY: entry_rows(cycle, block->reach, A, b, e, arena); break;
+    case ROTATION: rotation_rows(cycle, A, b, e, arena); break;
     case ORIENTATION: orientation_rows(cycle, block->orientation, A, b, e); break;
+    case STILL: still_rows(cycle->n, A, b, e); break;
     case POSTURE: posture_rows(cycle, block, A, b, e); break;
     case OBJECTIVE: objective_rows(cycle, block, A, b, e, arena); break;
     default: break;

@@ -12,11 +12,15 @@
 typedef enum {
     RCM,       /* period (0: no second order) */
     TIP,
+    AT_TROCAR,
     DEPTH,
     ROLL,
     DIRECTION,
     POSE,
+    ENTRY,       /* reach */
+    ROTATION,    /* the first four rows of POSE */
     ORIENTATION, /* orientation */
+    STILL,
     POSTURE,   /* vectors: posture, continuous */
     OBJECTIVE, /* K_c, c_d, objective */
     JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
@@ -53,7 +57,7 @@ typedef struct Block {
     double shallowest, deepest;
     double centre[3], velocity[3];
     double on_trocar;   /* whether the sphere moves along with the trocar */
-    double reach;       /* how near or far the axis may be to the centre */
+    double reach;       /* how near or far the axis may be to the centre, or trocar */
     double first, last; /* ends of the part of the shaft that counts, from the straight tip */
     double bends;       /* joints of a wrist, which are the arm's last ones */
     double wrist[BEND_NUMBERS * MOST_BENDS]; /* of each its axis (3), and how far the next place is */

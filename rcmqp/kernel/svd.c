@@ -57,11 +57,11 @@ static inline void orthogonalise(double *G, int r, int m, double *W, double *s)
     for (int i = 0; i < r; ++i) s[i] = sqrt(dot(G + i * m, G + i * m, m));
 }
 
-/* The svd of A (m, n), m >= 6, in the arena's memory, with W or without; what is beyond rank RANK
- * is dropped. */
+/* The svd of A (m, n) in the arena's memory, with W or without; what is beyond rank RANK is
+ * dropped. */
 void decompose(const double *A, int m, int n, int with_W, Svd *svd, Arena *arena)
 {
-    const int r = n < RANK ? n : RANK;
+    const int most = m < n ? m : n, r = most < RANK ? most : RANK;
     svd->r = r;
     svd->G = take(arena, r * m), svd->W = with_W ? take(arena, r * r) : NULL;
     svd->Q = take(arena, n * n);
@@ -78,7 +78,7 @@ void decompose(const double *A, int m, int n, int with_W, Svd *svd, Arena *arena
         orthogonalise(svd->G, r, m, svd->W, svd->s);
 }
 
-/* Of A (m, n), m >= 6. */
+/* Of A (m, n). */
 double least_singular_value(const double *A, int m, int n, Arena *arena)
 {
     const size_t mark = arena->used;

@@ -14,7 +14,7 @@
 /* The svd of A (m, n), of rank RANK or less: its left vectors are the rows of G over s, its right
  * ones the rows of W times the first columns of Q, in no order. */
 typedef struct {
-    int r;           /* smaller of RANK and n: how many singular values there are */
+    int r;           /* smallest of RANK, m and n: how many singular values there are */
     double s[RANK];  /* (r) */
     double *G;       /* (r, m) */
     double *W;       /* (r, r) orthonormal; NULL where it was not asked for */

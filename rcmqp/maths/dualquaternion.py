@@ -246,7 +246,7 @@ def power(x: ArrayLike, s: float) -> Array:
 
 def H8_plus(x: ArrayLike) -> Array:
     """Hamilton operator (8, 8) of a left factor: vec(x y) = H8+(x) vec(y)."""
-    return _contract("ijk,j->ik", _T8, x)
+    return np.asarray(np.asarray(x, dtype=float) @ _T8)
 
 
 def H8_minus(y: ArrayLike) -> Array:
@@ -254,7 +254,7 @@ def H8_minus(y: ArrayLike) -> Array:
 
     H-bar of equation (3).
     """
-    return _contract("ijk,k->ij", _T8, y)
+    return np.asarray(_T8 @ np.asarray(y, dtype=float))
 
 
 def align_sign(x: ArrayLike, like: ArrayLike) -> Array:

@@ -126,9 +126,8 @@ class ArmState:
 
         With the effector's twist (nu, omega) in its own frame, x' = (1/2) x (omega + eps nu).
         """
-        twist = np.zeros((8, self.J_local.shape[1]))
-        twist[1:4], twist[5:8] = self.J_local[3:], self.J_local[:3]
-        return 0.5 * dq.H8_plus(self.x) @ twist
+        H = dq.H8_plus(0.5 * self.x)
+        return np.asarray(H[:, 1:4] @ self.J_local[3:] + H[:, 5:] @ self.J_local[:3])
 
 
 class _Scratch(threading.local):
