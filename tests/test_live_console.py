@@ -197,6 +197,7 @@ def test_a_page_says_that_it_is_over_and_whether_the_connection_was_lost() -> No
             window.close()
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="this system has no /proc")
 def test_the_loop_is_before_ordinary_processes_where_permitted_and_nothing_else_is(
     tmp_path: Path,
 ) -> None:
@@ -207,17 +208,19 @@ def test_the_loop_is_before_ordinary_processes_where_permitted_and_nothing_else_
     except OptionError:
         real_time = False
 
+    def policies(pid: int) -> set[int]:
+        return {os.sched_getscheduler(int(name)) for name in os.listdir(f"/proc/{pid}/task")}
+
     def children(pid: int) -> list[int]:
         return [*map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]
 
     with served("live", "--arm", ARM, "--out", str(tmp_path / "run.h5")) as (process, _):
         (loop,) = children(process.pid)
         (writer,) = children(loop)
-        threads = [int(thread) for thread in os.listdir(f"/proc/{loop}/task")]
-        found = {os.sched_getscheduler(thread) for thread in threads}
-        assert found == {os.SCHED_FIFO if real_time else os.SCHED_OTHER}
+        assert policies(loop) == {os.SCHED_FIFO if real_time else os.SCHED_OTHER}
         for pid in (process.pid, writer):
-            assert os.sched_getscheduler(pid) == os.SCHED_OTHER
+            assert policies(pid) == {os.SCHED_OTHER}
+            assert os.getpriority(os.PRIO_PROCESS, pid) == os.getpriority(os.PRIO_PROCESS, 0)
         process.send_signal(signal.SIGINT)
         assert process.stdout is not None
         report = process.stdout.read()

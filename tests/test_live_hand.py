@@ -14,8 +14,8 @@ from helpers import assert_allclose
 import rcmqp
 from rcmqp.errors import OptionError
 from rcmqp.live.messages import Hand
+from rcmqp.live.pace import RECENT, Pace
 from rcmqp.live.page_hand import PageHand
-from rcmqp.live.session import RECENT, Pace
 from rcmqp.live.steering import LEASH, Held, Steering
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array

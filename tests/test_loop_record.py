@@ -8,10 +8,12 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -482,3 +484,31 @@ def test_the_command_records_into_its_file(
     none, recorder = asked
     assert none is None
     assert isinstance(recorder, LoopRecorder)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="no real-time priorities")
+def test_the_process_that_writes_is_started_at_ordinary_priority(
+    controller: Controller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its imports, too, do not run before ordinary processes; the loop's thread stays as it is."""
+    policies, found = {threading.get_native_id(): os.SCHED_FIFO}, list[int]()
+
+    def policy(thread: int) -> int:  # a new thread inherits the loop's
+        return policies.setdefault(thread or threading.get_native_id(), os.SCHED_FIFO)
+
+    def change(thread: int, to: int, _: object) -> None:
+        policies[thread or threading.get_native_id()] = to
+
+    class Starting(subprocess.Popen[bytes]):
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            found.append(policy(0))
+            super().__init__(*args, **kwargs)
+
+    monkeypatch.setattr("os.sched_getscheduler", policy)
+    monkeypatch.setattr("os.sched_setscheduler", change)
+    recorder = LoopRecorder(tmp_path / "run.h5", controller)
+    monkeypatch.setattr("subprocess.Popen", Starting)
+    recorder.start()
+    recorder.close("")
+    assert found == [os.SCHED_OTHER]
+    assert policy(0) == os.SCHED_FIFO

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -24,8 +25,12 @@ from rcmqp.realtime.loopback import ArmLost, LoopbackReport, Readings, UdpArm, r
 from rcmqp.realtime.packets import Kind, Packets, new_key
 from rcmqp.realtime.report import LoopReport, Stop
 from rcmqp.realtime.simulated_arm import HOST, PATIENCE, TOO_OLD, Account, Box, insertion_of
-from rcmqp.realtime.system import PRIORITY, priority_if_permitted, real_time_priority
-from rcmqp.runs.loop_writer import step_back
+from rcmqp.realtime.system import (
+    PRIORITY,
+    make_ordinary,
+    priority_if_permitted,
+    real_time_priority,
+)
 
 T = 0.001
 V = np.full(7, 0.1)
@@ -245,70 +250,147 @@ def test_the_command_prints_its_report_and_tells_how_it_ended(
 # Priority ----------------------------------------------------------------------------------
 
 
+class Scheduler:
+    """A stand-in for the system's: the policies of threads, and what it was asked to set."""
+
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        policy: str = "SCHED_OTHER",
+        level: int = 0,
+        refuses: OSError | None = None,
+    ) -> None:
+        """All threads have ``policy`` and ``level``; each change is answered with ``refuses``."""
+        self.policy, self.level, self.refuses = getattr(os, policy), level, refuses
+        self.set_to = list[tuple[int, int, int]]()
+        monkeypatch.setattr("os.sched_getscheduler", lambda _: self.policy)
+        monkeypatch.setattr("os.sched_getparam", lambda _: os.sched_param(self.level))
+        monkeypatch.setattr("os.sched_setscheduler", self.set)
+
+    def set(self, thread: int, policy: int, param: Any) -> None:
+        if self.refuses:
+            raise self.refuses
+        self.set_to.append((thread, policy, param.sched_priority))
+        self.policy, self.level = policy, param.sched_priority
+
+
+has_scheduler = pytest.mark.skipif(
+    not hasattr(os, "sched_setscheduler"), reason="this system has no real-time priorities"
+)
+
+
+@has_scheduler
 def test_real_time_priority_ends_with_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    set_to = list[tuple[Any, ...]]()
-    monkeypatch.setattr("os.sched_getscheduler", lambda _: "usual")
-    monkeypatch.setattr("os.sched_getparam", lambda _: "as before")
-    monkeypatch.setattr("os.sched_setscheduler", lambda *values: set_to.append(values))
-    with real_time_priority():
-        assert set_to == [(0, os.SCHED_FIFO, os.sched_param(PRIORITY))]
-    assert set_to[1:] == [(0, "usual", "as before")]
+    scheduler = Scheduler(monkeypatch)
+    with real_time_priority() as priority:
+        assert scheduler.set_to == [(0, os.SCHED_FIFO, PRIORITY)]
+        assert priority.words == f"real-time (SCHED_FIFO {PRIORITY})"
+    assert scheduler.set_to[1:] == [(0, os.SCHED_OTHER, 0)]
 
 
-def test_real_time_priority_that_is_not_permitted_says_what_to_do(
+@has_scheduler
+@pytest.mark.parametrize("policy", ["SCHED_FIFO", "SCHED_RR"])
+@pytest.mark.parametrize("processors", [1, 2])
+def test_a_process_that_is_real_time_already_stays_as_it_is(
+    policy: str, processors: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(processors)))
+    scheduler = Scheduler(monkeypatch, policy, 42)
+    scheduler.policy |= os.SCHED_RESET_ON_FORK
+    with priority_if_permitted() as priority:
+        assert priority.words == f"real-time ({policy} 42), as it was started"
+        priority.give_up("it is slow")
+    assert priority.words == f"real-time ({policy} 42), as it was started"
+    assert scheduler.set_to == []
+
+
+REFUSED = [
+    (PermissionError(1, "Operation not permitted"), "real-time priority is not permitted"),
+    (
+        OSError(errno.ENOSYS, "Function not implemented"),
+        "this system gives no real-time priority (Function not implemented)",
+    ),
+    (
+        OSError(errno.EINVAL, "Invalid argument"),
+        "this system gives no real-time priority (Invalid argument)",
+    ),
+]
+
+
+@has_scheduler
+@pytest.mark.parametrize(("refuses", "words"), REFUSED, ids=["EPERM", "ENOSYS", "EINVAL"])
+def test_real_time_priority_that_the_system_refuses_says_why_and_a_loop_goes_on_without(
+    refuses: OSError, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    scheduler = Scheduler(monkeypatch, refuses=refuses)
+    with pytest.raises(OptionError) as refused, real_time_priority():
+        pass
+    assert str(refused.value).startswith(f"{words}; ")
+    assert str(refused.value).endswith("run without")
+    with priority_if_permitted() as priority:
+        assert priority.words == f"ordinary, as {words}; rcmqp doctor says what to do"
+        priority.give_up("it is slow")
+    assert priority.words == f"ordinary, as {words}; rcmqp doctor says what to do"
+    assert scheduler.set_to == []
+
+
+@has_scheduler
+def test_an_error_in_the_block_of_a_real_time_priority_stays_what_it_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def refused(*_: object) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr("os.sched_setscheduler", refused)
-    with pytest.raises(OptionError, match="become root, raise rtprio"), real_time_priority():
-        pass
+    scheduler = Scheduler(monkeypatch)
+    with pytest.raises(PermissionError, match="a file"), real_time_priority():
+        raise PermissionError("a file")
+    assert scheduler.policy == os.SCHED_OTHER
 
 
+@has_scheduler
+def test_real_time_priority_is_not_asked_for_on_one_processor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+    scheduler = Scheduler(monkeypatch)
+    with priority_if_permitted() as priority:
+        assert priority.words == "ordinary, as there is one processor only"
+    assert scheduler.set_to == []
+
+
+@has_scheduler
+def test_a_priority_that_is_given_up_is_that_of_all_threads_and_for_good(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    scheduler, policies = Scheduler(monkeypatch), dict[int, int]()
+    with priority_if_permitted() as priority:
+        over = threading.Event()
+        thread = threading.Thread(target=over.wait)
+        thread.start()
+        policies |= dict.fromkeys((threading.get_native_id(), thread.native_id or 0), 1)
+        monkeypatch.setattr("os.sched_getscheduler", lambda number: policies.get(number, 0))
+        monkeypatch.setattr(
+            "os.sched_setscheduler", lambda number, to, _: policies.update({number: to})
+        )
+        priority.give_up("it is slow")
+        priority.give_up("it is slow")
+        over.set()
+        thread.join()
+        assert policies == dict.fromkeys(policies, os.SCHED_OTHER)
+    assert priority.words == f"real-time (SCHED_FIFO {PRIORITY}), then ordinary, as it is slow"
+    assert scheduler.set_to == [(0, os.SCHED_FIFO, PRIORITY)]
+
+
+@has_scheduler
 @pytest.mark.parametrize(
-    ("processors", "permitted", "words"),
-    [
-        (2, True, f"real-time (SCHED_FIFO {PRIORITY})"),
-        (
-            2,
-            False,
-            "ordinary, as real-time priority is not permitted; rcmqp doctor says what to do",
-        ),
-        (1, True, "ordinary, as there is one processor only"),
-    ],
+    ("policy", "changes"),
+    [("SCHED_FIFO", True), ("SCHED_RR", True), ("SCHED_BATCH", False), ("SCHED_IDLE", False)],
 )
-def test_real_time_priority_is_taken_where_it_is_permitted_and_others_can_go_on(
-    processors: int, permitted: bool, words: str, monkeypatch: pytest.MonkeyPatch
+def test_only_a_real_time_thread_is_made_ordinary(
+    policy: str, changes: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    set_to = list[tuple[Any, ...]]()
-
-    def asked(*values: Any) -> None:
-        if not permitted:
-            raise PermissionError
-        set_to.append(values)
-
-    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(processors)))
-    monkeypatch.setattr("os.sched_getscheduler", lambda _: "usual")
-    monkeypatch.setattr("os.sched_getparam", lambda _: "as before")
-    monkeypatch.setattr("os.sched_setscheduler", asked)
-    taken = [(0, os.SCHED_FIFO, os.sched_param(PRIORITY)), (0, "usual", "as before")]
-    with priority_if_permitted() as found:
-        assert found == words
-    assert set_to == (taken if "SCHED_FIFO" in words else [])
-
-
-@pytest.mark.parametrize("inherited", [os.SCHED_FIFO, os.SCHED_OTHER])
-def test_the_process_that_writes_is_never_before_ordinary_ones(
-    inherited: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done = list[tuple[Any, ...]]()
-    monkeypatch.setattr("os.sched_getscheduler", lambda _: inherited)
-    monkeypatch.setattr("os.sched_setscheduler", lambda *values: done.append(values))
-    monkeypatch.setattr("os.nice", lambda by: done.append((by,)))
-    step_back()
-    real_time = inherited == os.SCHED_FIFO
-    assert done == [(0, os.SCHED_OTHER, os.sched_param(0)) if real_time else (5,)]
+    scheduler = Scheduler(monkeypatch, policy)
+    make_ordinary(7)
+    assert scheduler.set_to == ([(7, os.SCHED_OTHER, 0)] if changes else [])
 
 
 def test_the_loopback_accounts_for_every_command_and_ends_at_rest() -> None:

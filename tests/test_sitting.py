@@ -112,15 +112,16 @@ def test_a_task_that_was_not_recorded_whole_is_done_again(
     assert page.told[-1]["last"]
 
 
-def test_the_notes_say_which_devices_steered_the_attempt_that_counts(
+def test_the_notes_say_which_devices_and_which_loop_steered_the_attempt_that_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = ENDED | {"recorded_whole": False, "recorded": "nothing", "devices": ["touch"]}
-    sit(monkeypatch, tmp_path, lost, ENDED | {"devices": ["haply", "mouse"]})
+    last = {"devices": ["haply", "mouse"], "priority": "real-time", "skipped": 0.125}
+    sit(monkeypatch, tmp_path, lost, ENDED | last)
     notes = Folder(tmp_path).notes("P01", 1)
     assert notes is not None
     assert notes["device"] == ["mouse", "haply"]
-    assert notes["loop"] == {"priority": ENDED["priority"], "skipped": 0.25}
+    assert notes["loop"] == {"priority": "real-time", "skipped": 0.125}
 
 
 def test_only_an_attempt_that_began_is_counted(

@@ -30,11 +30,12 @@ class LoopProcess:
 
     Attributes:
         channel: hands go and states come by it; it does not block.
+        number: of the process.
     """
 
     def __init__(self, process: subprocess.Popen[str], channel: socket.socket) -> None:
         """Of a process that was told what to do."""
-        self._process, self.channel = process, channel
+        self._process, self.channel, self.number = process, channel, process.pid
 
     def prepare(self) -> None:
         """Wait until the arm can move.

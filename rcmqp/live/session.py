@@ -12,12 +12,13 @@ import dataclasses
 import gc
 import json
 import math
+import os
 import socket
 import sys
 import threading
 import time
-from collections import deque
-from typing import Any
+from collections.abc import Callable
+from typing import IO, Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import registered
 from rcmqp.errors import RcmqpError
 from rcmqp.live.goals import Goals
+from rcmqp.live.pace import RECENT, Pace
 from rcmqp.live.page_hand import PageHand
 from rcmqp.live.steering import Held, Steering
 from rcmqp.maths.dualquaternion import Array
@@ -43,9 +45,8 @@ from rcmqp.world.insertion import Insertion
 LONGEST = 86400.0
 """A session ends after a day [s]."""
 
-
-RECENT = 3.0
-"""The pages are told what share of the cycles of so long was skipped [s]."""
+TOO_SLOW = 0.2
+"""A loop that skips a larger share holds a core for ever: it goes on at ordinary priority."""
 
 LATENESS = 10.0
 """How late a cycle may be [s]: the simulated arm waits for it."""
@@ -78,29 +79,6 @@ class SimulatedArm:
         self.sent_at = time.monotonic()
 
 
-class Pace:
-    """How many cycles of the last RECENT seconds were skipped."""
-
-    def __init__(self, period: float) -> None:
-        """Nothing has been run yet."""
-        self._period, self._marks = period, deque[tuple[float, int]]()
-
-    def skipped(self, t: float, cycles: int) -> float:
-        """The share that is missing at ``t`` [s], of those due since RECENT; 0 at the start.
-
-        Args:
-            t: by the clock, not before the last one.
-            cycles: that were run until then.
-        """
-        self._marks.append((t, cycles))
-        while len(self._marks) > 1 and self._marks[1][0] <= t - RECENT:
-            self._marks.popleft()
-        began, before = self._marks[0]
-        if t - began < 0.5 * RECENT:
-            return 0.0
-        return max(0.0, 1.0 - (cycles - before) * self._period / (t - began))
-
-
 class Session:
     """Gives the loop its references, and the pages what the arm does.
 
@@ -110,6 +88,7 @@ class Session:
         goals: places that the tip is to reach; without any, none.
         input: from an input event to the command that follows it.
         state: from that command to the state that is sent of it.
+        skipped: the share of the last cycles that was skipped, see Pace.
     """
 
     def __init__(
@@ -127,10 +106,15 @@ class Session:
         self.hand = PageHand(channel, time.monotonic)
         self._insertion, self._robot, self._channel = insertion, robot, channel
         self.steering = Steering(insertion, self.hand, period, **hand)
-        self._time, self._cycle = 0.0, 0
+        self._time, self._cycle, self._period = 0.0, 0, period
         self._every = max(1, math.floor(1.0 / (FRAME_RATE * period) + 1e-9))
         self._followed = self._commanded = math.nan
-        self._pace = Pace(period)
+        self._pace, self.skipped = Pace(period), 0.0
+
+    def begin(self) -> None:
+        """The warm-up is over: cycles count from here on."""
+        self._time, self._cycle = 0.0, 0
+        self._pace, self.skipped = Pace(self._period), 0.0
 
     def __call__(self, t: float) -> Stamped:
         """The reference at ``t`` [s]."""
@@ -157,6 +141,7 @@ class Session:
             self.state.add(at - self._commanded, self._time)
             self._commanded = math.nan
         asked = self.steering.reference
+        self.skipped = self._pace.skipped(self._time, self._cycle)
         words = {
             "kind": "state",
             "time": self._time,
@@ -170,7 +155,7 @@ class Session:
             "depth": [float(insertion.depth(state.x, pivot))],
             "moving": bool(state.v.any()),
             "stopped": self.hand.stopped,
-            "skipped": round(self._pace.skipped(self._time, self._cycle), 3),
+            "skipped": round(self.skipped, 3),
             "viscosity": self.steering.viscosity,
             "reached": self.goals.reached,
         }
@@ -204,8 +189,15 @@ def simulated(scenario: Scenario) -> Insertion:
     )
 
 
-def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
+def run(
+    header: dict[str, Any], channel: socket.socket, ready: Callable[[], None]
+) -> dict[str, Any]:
     """Run the loop until stdin closes or it stops by itself; what the server is told of it.
+
+    Args:
+        header: from the server.
+        channel: hands come and states go by it.
+        ready: is called when the loop can begin.
 
     Raises:
         RcmqpError: the loop cannot begin.
@@ -235,12 +227,17 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
     def runs() -> bool:
         if session.goals.done:
             loop.stop()
+        if session.skipped > TOO_SLOW:
+            priority.give_up(
+                f"more than {TOO_SLOW:.0%} of the cycles of {RECENT:g} s were skipped"
+            )
         return loop.cycle()
 
     with priority_if_permitted() as priority, loop:
-        say(ready=True)
+        ready()
         begun = bool(sys.stdin.readline())
         threading.Thread(target=listen, daemon=True).start()
+        session.begin()
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -248,7 +245,7 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
         while begun and runs():
             due = max(due + period, time.perf_counter() - period)
             time.sleep(max(0.0, due - time.perf_counter()))
-    report = dataclasses.replace(loop.report(), priority=priority)
+    report = dataclasses.replace(loop.report(), priority=priority.words)
     hand = session.hand
     counted = [
         ("messages that the loop took", str(hand.taken)),
@@ -261,27 +258,38 @@ def run(header: dict[str, Any], channel: socket.socket) -> dict[str, Any]:
         "recorded_whole": record is None or record.whole,
         "latency": session.latency(),
         "priority": report.priority,
-        "skipped": report.skipped / max(1, report.cycles + report.skipped),
+        "skipped": report.skipped_share,
         "rows": counted,
         "reached": session.goals.reached,
     }
 
 
-def say(**words: Any) -> None:
+def answers() -> IO[str]:
+    """The stream to the server: what was stdout until now.
+
+    From now on, stdout is stderr: what a user's law prints is no answer to the server.
+    """
+    stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    return stream
+
+
+def say(stream: IO[str], **words: Any) -> None:
     """Tell the server something, unless it was killed."""
     with contextlib.suppress(BrokenPipeError):
-        print(json.dumps(words), flush=True)
+        print(json.dumps(words), file=stream, flush=True)
 
 
 def main() -> None:
     """Be the loop's process."""
-    header = json.loads(sys.stdin.readline())
+    stream, header = answers(), json.loads(sys.stdin.readline())
     channel = socket.socket(fileno=header["channel"])
     channel.setblocking(False)
     try:
-        say(**run(header, channel))
+        say(stream, **run(header, channel, lambda: say(stream, ready=True)))
     except RcmqpError as error:
-        say(error=str(error))
+        say(stream, error=str(error))
 
 
 if __name__ == "__main__":

@@ -67,6 +67,11 @@ class LatencyCounter:
         return Latency(tuple(self._counts), self._worst, self._worst_at)
 
 
+def skipped_share(cycles: int, period: float, elapsed: float) -> float:
+    """The share of the cycles due in ``elapsed`` [s] that is missing if ``cycles`` were run."""
+    return max(0.0, 1.0 - cycles * period / elapsed)
+
+
 class Deadlines:
     """Cycle k is due at k periods after the start, whatever the cycles before it took.
 
@@ -76,7 +81,6 @@ class Deadlines:
         answer: from when a cycle was due to when its command was sent.
         cycles: that were run.
         missed: cycles whose command left when the next was due, or later.
-        skipped: cycles that were over before they could begin.
         due: when the next cycle is due, from the start [s].
         slip: by how much more than a period after the last cycle an executor began this one
             [s]; 0 where the cycle's time is the clock's.
@@ -94,7 +98,7 @@ class Deadlines:
         """Spin, instead of sleeping, in the last ``spin`` [s] of each wait."""
         self.period = period
         self.wake, self.answer = LatencyCounter(), LatencyCounter()
-        self.cycles = self.missed = self.skipped = 0
+        self.cycles = self.missed = self._over = 0
         self._spin, self._clock, self._sleep = spin, clock, sleep
         self._next, self._begun = 0, -1
         self.begin()
@@ -103,6 +107,11 @@ class Deadlines:
         """Start a period from now."""
         self._start = self._clock() + self.period
         self.due = 0.0
+
+    @property
+    def skipped(self) -> int:
+        """Cycles that were over before they could begin."""
+        return self._over
 
     def now(self) -> float:
         """Time from the start [s]."""
@@ -129,7 +138,7 @@ class Deadlines:
         if now >= self._next * self.period:
             self.missed += 1
             over = max(0, math.floor(now / self.period) - self._next)
-            self.skipped += over
+            self._over += over
             self._next += over
         self.due = self._next * self.period
 
@@ -137,9 +146,16 @@ class Deadlines:
 class Ticks(Deadlines):
     """Cycles that are due when an executor of one's own begins them.
 
-    ``wake`` is then by how much more than a period after the last cycle each one began, and
-    ``skipped`` how many whole periods went by without one.
+    ``wake`` is then by how much more than a period after the last cycle each one began.
     """
+
+    @property
+    def skipped(self) -> int:
+        """Whole periods from the first cycle to the end of the last one that had no cycle.
+
+        Many cycles that are a little late make up whole periods, too.
+        """
+        return max(0, math.floor(self.due / self.period + 1e-6) - self.cycles)
 
     def begin(self) -> None:
         """The clock starts with the first cycle."""
@@ -158,7 +174,6 @@ class Ticks(Deadlines):
         now = self.now()
         self.slip = max(0.0, now - self.due) if self._next else 0.0
         self.wake.add(self.slip, now)
-        self.skipped += math.floor(self.slip / self.period)
         self.due, self._begun = now, self._next
 
     def sent(self) -> None:

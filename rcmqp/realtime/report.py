@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmqp.controllers.base import Command
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.latency import Deadlines, Latency
+from rcmqp.realtime.latency import Deadlines, Latency, skipped_share
 from rcmqp.references.view import Stamped
 from rcmqp.show.table import Table
 from rcmqp.world.arm import Arm
@@ -164,7 +164,7 @@ class LoopReport:
         cycles: run, with those of the safe stop.
         braking: those of the safe stop: slowing down, and holding zero.
         missed: cycles whose command left when the next was due, or later.
-        skipped: cycles not run, for they were over before they could begin.
+        skipped: cycles that were due and not run.
         controller_stops: cycles that the controller itself answered with its safe stop.
         unsent: commands of the safe stop that the robot did not take.
         wake: from when a cycle was due to when it began.
@@ -194,6 +194,12 @@ class LoopReport:
     recorded: str = ""
     off_trocar: float = math.nan
     priority: str = ""
+
+    @property
+    def skipped_share(self) -> float:
+        """The share of the cycles due that was skipped."""
+        due = self.cycles + self.skipped
+        return skipped_share(self.cycles, self.period, due * self.period) if due else 0.0
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and counts, one row each."""

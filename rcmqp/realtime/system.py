@@ -17,48 +17,108 @@ PRIORITY = 80
 """Of SCHED_FIFO's 1 to 99: above all that is ordinary, below what the kernel needs itself."""
 
 
-@contextlib.contextmanager
-def real_time_priority() -> Iterator[None]:
-    """Run before every ordinary process (SCHED_FIFO), and so do processes that this one starts.
+class Priority:
+    """The priority of a process.
 
-    Linux lets root do so, and whom ``rtprio`` in /etc/security/limits.conf names.
+    Attributes:
+        words: a description of it.
+    """
+
+    def __init__(self, words: str, *, taken: bool = False) -> None:
+        """``taken``: the process was an ordinary one before."""
+        self.words, self._taken = words, taken
+
+    def give_up(self, why: str) -> None:
+        """Make all threads ordinary, for good; nothing if the priority was not taken here."""
+        if not self._taken:
+            return
+        self._taken = False
+        for thread in threads():
+            with contextlib.suppress(OSError):  # it has ended
+                make_ordinary(thread)
+        self.words += f", then ordinary, as {why}"
+
+
+@contextlib.contextmanager
+def real_time_priority() -> Iterator[Priority]:
+    """Run before every ordinary process (SCHED_FIFO).
+
+    Threads and processes that this thread starts inherit it. A thread that is real-time already
+    stays as it is. Linux lets root do so, and whom ``rtprio`` in /etc/security/limits.conf names.
 
     Raises:
         OptionError: the system has no such thing, or does not permit it.
     """
     if not hasattr(os, "sched_setscheduler"):
         raise OptionError("this system has no real-time priorities; run without")
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    if words := _started():
+        yield Priority(words)
+        return
     try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except PermissionError as error:
         raise OptionError(
             "real-time priority is not permitted; become root, raise rtprio in "
             "/etc/security/limits.conf, or run without"
         ) from error
+    except OSError as error:
+        raise OptionError(
+            f"this system gives no real-time priority ({error.strerror}); run without"
+        ) from error
     try:
-        yield
+        yield Priority(f"real-time (SCHED_FIFO {PRIORITY})", taken=True)
     finally:
         os.sched_setscheduler(0, *before)
 
 
 @contextlib.contextmanager
-def priority_if_permitted() -> Iterator[str]:
-    """Run at real-time priority where the system permits it; yield in words which it is.
+def priority_if_permitted() -> Iterator[Priority]:
+    """Run at real-time priority where the system permits it; yield a description of the priority.
 
-    On a machine with one processor it is the ordinary one: a loop that cannot keep its period
-    would leave nothing to the others.
+    On a machine with one processor it is not asked for: a loop that cannot keep its period would
+    leave nothing to the others.
     """
     with contextlib.ExitStack() as stack:
-        words = "ordinary, as there is one processor only"
-        if processors() > 1:
-            try:
-                stack.enter_context(real_time_priority())
-                words = f"real-time (SCHED_FIFO {PRIORITY})"
-            except OptionError as error:
-                reason = str(error).partition(";")[0]
-                words = f"ordinary, as {reason}; rcmqp doctor says what to do"
-        yield words
+        try:
+            if processors() > 1 or _started():
+                priority = stack.enter_context(real_time_priority())
+            else:
+                priority = Priority("ordinary, as there is one processor only")
+        except OptionError as error:
+            reason = str(error).partition(";")[0]
+            priority = Priority(f"ordinary, as {reason}; rcmqp doctor says what to do")
+        yield priority
+
+
+def _started() -> str:
+    """A description of the real-time priority that this thread has; empty if it has none."""
+    try:
+        name = _real_time(os.sched_getscheduler(0))
+        level = os.sched_getparam(0).sched_priority
+    except (AttributeError, OSError):
+        return ""
+    return f"real-time ({name} {level}), as it was started" if name else ""
+
+
+def _real_time(policy: int) -> str:
+    """The name of a real-time policy; empty for another one."""
+    policy &= ~getattr(os, "SCHED_RESET_ON_FORK", 0)
+    return {os.SCHED_FIFO: "SCHED_FIFO", os.SCHED_RR: "SCHED_RR"}.get(policy, "")
+
+
+def make_ordinary(thread: int = 0) -> None:
+    """Give a thread the ordinary priority if it has a real-time one; 0 for the calling thread."""
+    if hasattr(os, "sched_setscheduler") and _real_time(os.sched_getscheduler(thread)):
+        os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+
+
+def threads() -> list[int]:
+    """The numbers of this process' threads, also of those that Python did not start."""
+    try:
+        return [int(name) for name in os.listdir("/proc/self/task")]
+    except OSError:
+        return [each.native_id for each in threading.enumerate() if each.native_id is not None]
 
 
 def processors() -> int:

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from math import nan
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -20,6 +21,7 @@ import numpy as np
 from rcmqp.controllers.base import SAFE_STOP, Controller
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.realtime.system import make_ordinary
 from rcmqp.references.paths import Foreign
 from rcmqp.references.paths import Path as ViewPath
 from rcmqp.runs.head import check_replaceable
@@ -190,13 +192,15 @@ class LoopRecorder:
             raise OptionError(f"{self._path}: a LoopRecorder records one loop; make another one")
         header = self._header_line()
         pipe = subprocess.PIPE
-        self._process = subprocess.Popen(  # Ctrl-C is not for it
-            [sys.executable, "-m", "rcmqp.runs.loop_writer"],
-            stdin=pipe,
-            stdout=pipe,
-            bufsize=0,
-            process_group=0,
-        )
+        with ThreadPoolExecutor(1, initializer=make_ordinary) as starter:  # what it starts, too
+            self._process = starter.submit(
+                subprocess.Popen[bytes],
+                [sys.executable, "-m", "rcmqp.runs.loop_writer"],
+                stdin=pipe,
+                stdout=pipe,
+                bufsize=0,
+                process_group=0,  # Ctrl-C is not for it
+            ).result()
         self._write(header)
         if error := self._answer().get("error"):
             self._end()

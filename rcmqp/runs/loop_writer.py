@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-import os
 import sys
 from collections.abc import Mapping
 from math import isnan
@@ -131,21 +130,8 @@ def say(**words: Any) -> None:
         print(json.dumps(words), flush=True)
 
 
-def step_back() -> None:
-    """Run after the loop: at ordinary priority if the loop has a real-time one, else below it.
-
-    A writer below all that is ordinary could not keep up with 1 kHz on a busy machine.
-    """
-    with contextlib.suppress(AttributeError, OSError):
-        if os.sched_getscheduler(0) == os.SCHED_OTHER:
-            os.nice(5)
-        else:  # inherited from the loop
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-
-
 def main() -> None:
     """Write the file of the rows on stdin."""
-    step_back()
     try:
         count = write(sys.stdin.buffer)
     except Exception as error:  # noqa: BLE001  (the loop's process tells of it)
