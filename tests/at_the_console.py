@@ -91,7 +91,10 @@ window.pad = null;
 navigator.getGamepads = () => [pad];
 window.push = async (axes) => {
   const plug = (held) =>
-    (pad = { axes, buttons: Array.from({ length: 8 }, (_, i) => ({ pressed: held && i === 5 })) });
+    (pad = {
+      index: 0, axes,
+      buttons: Array.from({ length: 8 }, (_, i) => ({ pressed: held && i === 5 })),
+    });
   if (!pad) {
     plug(false);
     await new Promise((go) => setTimeout(go, 300)); // the page has to see that it is let go

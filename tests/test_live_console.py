@@ -248,21 +248,67 @@ def test_a_page_without_a_graphics_card_says_so_and_draws_only_what_has_changed(
         light, why = page.locator("#light"), page.locator("#why")
         assert light.get_attribute("aria-pressed") == "true"
         assert (why.text_content() or "").startswith("no graphics card")
-        page.wait_for_timeout(1000.0)
+
+        def rests() -> bool:
+            """Whether states and frames came, and none was drawn: the arm is at rest."""
+            before = page.evaluate("rcmqp.draws")
+            page.evaluate(
+                """async () => {
+                    const from = rcmqp.newest.time;
+                    for (let k = 0; k < 10 || rcmqp.newest.time < from + 0.5; k += 1)
+                        await new Promise(requestAnimationFrame);
+                }"""
+            )
+            return bool(page.evaluate("rcmqp.draws") == before > 0)
+
+        until(rests, "a page that draws nothing while the arm is at rest")
         before = page.evaluate("rcmqp.draws")
-        page.wait_for_timeout(1000.0)
-        assert page.evaluate("rcmqp.draws") == before > 0  # the arm is at rest
-        assert page.locator("#slow").is_hidden()
-        skipped = 0.3
-        until(page.locator("#slow").is_visible, "to be told that the loop is slow")
-        said = "This computer is too busy: the arm moves 30 % slower than it should."
-        assert page.locator("#slow").text_content() == said
+        slow, said, place = page.locator("#slow"), page.locator("#slow-said"), "rcmqp_place"
+        page.evaluate(
+            f"{place} = () => document.querySelector('#light').getBoundingClientRect().y"
+        )
+        assert slow.is_hidden()
+        there = page.evaluate(f"{place}()")
+        skipped = 0.31
+        until(slow.is_visible, "to be told that the loop is slow")
+        text = "The loop is too slow: the arm moves about 30 % slower than it should."
+        until(lambda: slow.text_content() == text, "to be told by how much")
+        assert said.text_content() == "The loop is too slow."
+        assert page.evaluate(f"{place}()") == there  # buttons stay where they are
         skipped = 0.01
-        until(page.locator("#slow").is_hidden, "the loop to be in time again")
+        until(slow.is_hidden, "the loop to be in time again")
+        assert said.text_content() == ""
         light.click(timeout=1e3 * PATIENCE)
         assert light.get_attribute("aria-pressed") == "false"
         assert why.text_content() == ""
         until(lambda: page.evaluate("rcmqp.draws") > before, "a finer picture")
+        assert errors == []
+
+
+def test_a_drag_counts_before_the_next_picture_if_the_browser_tells_of_it() -> None:
+    """pointerrawupdate comes at once, pointermove with the next picture."""
+    with served("live", "--arm", ARM) as (_, address), browser() as chromium:
+        window = chromium.new_context(viewport={"width": 320, "height": 400})
+        page, errors = opened(window, address)
+        until(lambda: page.evaluate("rcmqp.steers"), "the right to steer")
+        page.evaluate(
+            """document.querySelector('#scope canvas').addEventListener('pointerdown',
+                (event) => (window.pressed = event))"""
+        )
+        page.locator("#scope canvas").hover()
+        page.mouse.down()
+        way = page.evaluate(
+            """() => {
+                const { pointerId, clientX, clientY } = pressed;
+                const more = { pointerId, clientX: clientX + 30, clientY, bubbles: true };
+                const before = rcmqp.way[0];
+                pressed.target.dispatchEvent(new PointerEvent('pointerrawupdate', more));
+                return rcmqp.way[0] - before;
+            }"""
+        )
+        page.mouse.up()
+        size = page.evaluate("document.querySelector('#scope canvas').clientWidth")
+        assert way == pytest.approx(30.0 / size * 0.08)
         assert errors == []
 
 

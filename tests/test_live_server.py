@@ -165,6 +165,22 @@ def test_too_many_messages_are_dropped_until_the_second_is_over() -> None:
     assert desk.hear(visitor, json.dumps(words(1000, at=11.0)), 11.01) is not None
 
 
+def test_that_the_operator_lets_go_is_never_one_message_too_many() -> None:
+    desk, watcher = Desk(), Visitor()
+    visitor = steering(desk)
+    for n in range(MOST):
+        for each in (visitor, watcher):
+            desk.hear(each, json.dumps(words(n + 1)), 10.0)
+    lets_go = json.dumps(words(MOST + 1) | {"held": False})
+    for dropped in (json.dumps(words(MOST + 1)), lets_go[1:], lets_go + " " * LONGEST, "[]"):
+        assert desk.hear(visitor, dropped, 10.0) is None
+    assert desk.hear(watcher, lets_go, 10.0) is None
+    assert desk.counts.too_many == 5
+    found = desk.hear(visitor, lets_go, 10.0)
+    assert isinstance(found, Hand)
+    assert not found.held
+
+
 # The server ----------------------------------------------------------------------------------
 
 

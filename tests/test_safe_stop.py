@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -30,7 +31,7 @@ from rcmqp import (
 )
 from rcmqp.controllers.braking import Brake, braking, nearest
 from rcmqp.qp import InvalidProblem, WrongShape
-from rcmqp.realtime.checks import CommandCheck
+from rcmqp.realtime.checks import CommandCheck, LoopFault
 from rcmqp.world.arm import ArmState
 
 
@@ -52,6 +53,50 @@ def test_joints_at_rest_may_stay_at_rest_wherever_they_are(name: str) -> None:
         assert (upper >= 0.0).all()
         assert np.array_equal(brake.velocity(angles, zero, zero), zero)
         assert np.array_equal(CommandCheck(brake, "law").passed(zero, angles, zero, zero), zero)
+
+
+@pytest.mark.parametrize("number", [1e-300, 0.05])
+@pytest.mark.parametrize("moves", ["command", "v", "a"])
+def test_joints_of_which_one_number_is_not_zero_are_not_taken_to_be_at_rest(
+    moves: str, number: float
+) -> None:
+    """As a stop is nearly over, v may be zero while its last change is not."""
+    insertion = limited("panda")
+    brake, angles, one = Brake(insertion, T), insertion.angles_start, np.zeros(7)
+    one[3] = number
+    zero, boxes, box = np.zeros(7), list[int](), brake.box
+
+    def counted(*given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        boxes.append(1)
+        return box(*given)
+
+    object.__setattr__(brake, "box", counted)
+    command, v, a = (one if moves == name else zero for name in ("command", "v", "a"))
+    with contextlib.suppress(LoopFault):
+        CommandCheck(brake, "law").passed(command, angles, v, a)
+    assert boxes == [1]
+    if moves != "command":
+        brake.velocity(angles, v, a)
+        assert boxes == [1, 1]
+
+
+def test_a_step_to_rest_that_the_jerk_does_not_allow_is_refused_and_braking_avoids_it() -> None:
+    """At v = 0 with an acceleration: the joint cannot stop changing within one cycle."""
+    insertion = limited("panda")
+    T, arm = 1e-3, insertion.arm
+    brake, zero, a = Brake(insertion, T), np.zeros(7), np.zeros(7)
+    angles = insertion.angles_start
+    a[2] = arm.acceleration[2]
+    assert a[2] > 1.5 * T * arm.jerk[2]
+    with pytest.raises(LoopFault, match=arm.joints[2]):
+        CommandCheck(brake, "law").passed(zero, angles, zero, a)
+    found = brake.velocity(angles, zero, a)
+    assert found[2] == pytest.approx(T * (a[2] - T * arm.jerk[2]), rel=1e-6)
+    CommandCheck(brake, "law").passed(found, angles, zero, a)
+    still: Any = zero.tolist()
+    changes: Any = a.tolist()
+    assert np.array_equal(brake.velocity(angles, still, changes), found)
+    assert not brake.velocity(angles, still, still).any()
 
 
 @every_controller

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rcmqp.limits.joints import JointLimits, believed
 from rcmqp.maths.dualquaternion import Array
@@ -145,7 +146,7 @@ class Brake:
             alone: each joint stops as fast as it can, not in proportion with the others.
         """
         arm, T = self.insertion.arm, self.period
-        if stays(v, a):
+        if all_zero(v, a):
             return np.zeros(arm.nv)
         v, a = believed(arm, known(v), known(a), T)
         lower, upper = self.box(angles, v, a)
@@ -219,9 +220,9 @@ def _clipped(angles: Array, ends: Array) -> Array:
     return np.asarray(np.minimum(np.maximum(angles, ends[0]), ends[1]))
 
 
-def stays(*changes: Array) -> bool:
+def all_zero(*vectors: ArrayLike) -> bool:
     """Whether all numbers are zero: joints at rest may always stay at rest."""
-    return not any(any(numbers.tolist()) for numbers in changes)
+    return not any(any(np.asarray(vector).tolist()) for vector in vectors)
 
 
 def known(numbers: Array) -> Array:

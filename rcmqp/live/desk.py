@@ -95,7 +95,7 @@ class Desk:
             now: by the server's clock [s].
         """
         counts = self.counts
-        if visitor.comes_too_often(now):
+        if visitor.comes_too_often(now) and not self._lets_go(visitor, text):
             counts.too_many += 1
             return None
         if len(text) > LONGEST:
@@ -110,6 +110,16 @@ class Desk:
             counts.watching += 1
             return None
         return self._passed(visitor, said, now) if isinstance(said, Hand) else said
+
+    def _lets_go(self, visitor: Visitor, text: str) -> bool:
+        """Whether the operator lets go: no such message is one too many."""
+        if visitor is not self.operator or len(text) > LONGEST:
+            return False
+        try:
+            said = parse(text)
+        except Malformed:
+            return False
+        return isinstance(said, Hand) and not said.held
 
     def _passed(self, visitor: Visitor, hand: Hand, now: float) -> Hand | None:
         """The hand, if it is the operator's and new."""

@@ -112,9 +112,8 @@ class Session:
         self._pace, self.skipped = Pace(period), 0.0
 
     def begin(self) -> None:
-        """The warm-up is over: cycles count from here on."""
-        self._time, self._cycle = 0.0, 0
-        self._pace, self.skipped = Pace(self._period), 0.0
+        """The warm-up is over: the pace counts from the next cycle on."""
+        self._pace = Pace(self._period)
 
     def __call__(self, t: float) -> Stamped:
         """The reference at ``t`` [s]."""

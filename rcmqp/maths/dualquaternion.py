@@ -61,26 +61,35 @@ def _hamilton(a: Sequence[T], b: Sequence[T]) -> tuple[T, T, T, T]:
     )
 
 
+def _conjugate(r: Sequence[T]) -> list[T]:
+    """R*, number by number or array by array."""
+    r0, r1, r2, r3 = r
+    return [r0, -r1, -r2, -r3]
+
+
 def _turned(r: Sequence[T], p: Sequence[T]) -> tuple[T, T, T]:
     """R p r*, number by number or array by array."""
-    (r0, r1, r2, r3), (p1, p2, p3) = r, p
-    return _hamilton(_hamilton(r, [0.0 * r0, p1, p2, p3]), [r0, -r1, -r2, -r3])[1:]
+    p1, p2, p3 = p
+    return _hamilton(_hamilton(r, [0.0 * r[0], p1, p2, p3]), _conjugate(r))[1:]
 
 
-def _moved(x: Sequence[T]) -> tuple[T, T, T]:
-    """D(x) P(x)*, number by number or array by array."""
-    r0, r1, r2, r3 = x[:4]
-    return _hamilton(x[4:], [r0, -r1, -r2, -r3])[1:]
+def _translation(x: Sequence[T]) -> tuple[T, T, T]:
+    """T = 2 D(x) P(x)*, number by number or array by array."""
+    _, t0, t1, t2 = _hamilton(x[4:], _conjugate(x[:4]))
+    return 2.0 * t0, 2.0 * t1, 2.0 * t2
 
 
 def _placed(x: Sequence[T], p: Sequence[T]) -> tuple[T, T, T]:
     """T + r p r*, number by number or array by array."""
-    (t0, t1, t2), (p0, p1, p2) = _moved(x), _turned(x[:4], p)
-    return 2.0 * t0 + p0, 2.0 * t1 + p1, 2.0 * t2 + p2
+    (t0, t1, t2), (p0, p1, p2) = _translation(x), _turned(x[:4], p)
+    return t0 + p0, t1 + p1, t2 + p2
 
 
 def _apply(formula: Callable[..., tuple[Any, ...]], *operands: ArrayLike) -> Array:
-    """A formula of the last axis' numbers; of single elements with Python's, which are faster."""
+    """A formula of the last axis' numbers.
+
+    Single elements are computed with Python floats, which is faster.
+    """
     arrays = [np.asarray(operand, dtype=float) for operand in operands]
     if all(array.ndim == 1 for array in arrays):
         return np.array(formula(*[array.tolist() for array in arrays]))
@@ -197,7 +206,7 @@ def vec(x: ArrayLike) -> Array:
 
 def translation(x: ArrayLike) -> Array:
     """Translation t (..., 3) [m] of a pose (..., 8): t = 2 D(x) P(x)*."""
-    return 2.0 * _apply(_moved, x)
+    return _apply(_translation, x)
 
 
 def place(x: ArrayLike, p: ArrayLike) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rcmqp._kernel import all_finite
-from rcmqp.controllers.braking import NOTHING, Brake, stays
+from rcmqp.controllers.braking import NOTHING, Brake, all_zero
 from rcmqp.errors import InvalidCommand, RcmqpError
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.maths.smooth import braking_speed
@@ -95,21 +95,19 @@ def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:
             f"read() answered {answer!r}; it must be a pair of arrays, configuration q "
             f"({arm.nq},) and joint velocity v ({arm.nv},), as measured now"
         ) from error
-    nq, nv = arm.nq, arm.nv
-    if q.shape != (nq,) or v.shape != (nv,) or not (all_finite(q) and all_finite(v)):
-        _refuse("configuration q", q, nq, angles=q.shape == (nv,))
-        _refuse("joint velocity v", v, nv)
+    _check_vector("configuration q", q, arm.nq, angles=q.shape == (arm.nv,))
+    _check_vector("joint velocity v", v, arm.nv)
     return q, v
 
 
-def _refuse(name: str, values: Array, size: int, *, angles: bool = False) -> None:
+def _check_vector(name: str, values: Array, size: int, *, angles: bool = False) -> None:
     """Raise InvalidCommand for a reading of a wrong shape, or one that is not finite."""
     if values.shape != (size,):
         hint = "; arm.configuration(angles) makes one of joint angles" if angles else ""
         raise InvalidCommand(
             f"read() answered a {name} of shape {values.shape}, it must be ({size},){hint}"
         )
-    if not np.isfinite(values).all():
+    if not all_finite(values):
         raise InvalidCommand(f"{name} is not finite, as it was read: {values}")
 
 
@@ -244,7 +242,7 @@ class CommandCheck:
                 f"{self.controller} answered {command}, not {arm.nv} finite numbers"
             )
         command.setflags(write=False)
-        if stays(command, before, a):
+        if all_zero(command, before, a):
             return command
         lower, upper = self._brake.box(angles, before, a)
         if True in ((command < lower) | (command > upper)).tolist():

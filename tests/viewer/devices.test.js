@@ -129,10 +129,13 @@ test("a space mouse that was allowed before is listened to, and a report that is
   assert.ok(!hand.held);
 });
 
-/** What a stand-in for the service's socket was sent. */
+/** A stand-in for the service's socket, and what it was sent. */
 class Socket extends EventTarget {
   /** @type {any[]} */
   sent = [];
+  closed = false;
+
+  close() { this.closed = true; }
 
   /** @param {string} text */
   send(text) { this.sent.push(JSON.parse(text)); }
@@ -241,6 +244,70 @@ test("messages of a Haply without a place, or with one that is no number, hold n
   for (const odd of [{}, { inverse3: [] }, { inverse3: [{ device_id: "0F", state: {} }], wireless_verse_grip: message([0, 0, 0]).wireless_verse_grip }])
     device.read(JSON.stringify(odd), 2);
   device.read(JSON.stringify(message([0, NaN, 0])), 3);
+  assert.ok(!hand.held);
+});
+
+/** A Haply that connects to stand-ins for the service, as the page's button does. */
+function connected() {
+  /** @type {Socket[]} */
+  const sockets = [];
+  class Connected extends Socket {
+    constructor() {
+      super();
+      sockets.push(this);
+    }
+  }
+  const kept = new Map();
+  Object.assign(globalThis, {
+    WebSocket: Connected,
+    sessionStorage: { setItem: (/** @type {string} */ key, /** @type {string} */ value) => kept.set(key, value), removeItem: (/** @type {string} */ key) => kept.delete(key) },
+  });
+  const { hand, device, said } = haply();
+  device.socket = null;
+  device.connect();
+  sockets[0].dispatchEvent(new Event("open"));
+  return { hand, device, said, sockets, kept };
+}
+
+/** @param {Socket} socket @param {unknown} data */
+const say = (socket, data) => socket.dispatchEvent(new MessageEvent("message", { data: JSON.stringify(data) }));
+
+test("a service without a device is left, so that the page's button connects again once it is switched on", () => {
+  const { hand, device, said, sockets, kept } = connected();
+  say(sockets[0], { inverse3: [] });
+  assert.ok(sockets[0].closed);
+  assert.equal(kept.size, 0);
+  assert.match(said.at(-1) ?? "", /switched on/);
+  device.connect();
+  sockets[0].dispatchEvent(new Event("close")); // it comes late
+  assert.equal(said.length, 1);
+  assert.equal(sockets.length, 2);
+  say(sockets[1], message([0, 0, 0], { pressed: false }));
+  say(sockets[1], message([0, 0, 0]));
+  assert.ok(hand.held);
+});
+
+test("a connection that ends lets go, and the next service may have another device or none", () => {
+  const { hand, device, said, sockets } = connected();
+  say(sockets[0], message([0, 0, 0], { pressed: false }));
+  say(sockets[0], message([0, 0, 0]));
+  assert.ok(hand.held);
+  sockets[0].dispatchEvent(new Event("close"));
+  assert.ok(!hand.held);
+  assert.match(said.at(-1) ?? "", /is its service running/);
+  device.connect();
+  say(sockets[1], { inverse3: [] });
+  assert.deepEqual(sockets[1].sent, []);
+  assert.ok(sockets[1].closed);
+});
+
+test("a Haply that cannot be answered has let go before", () => {
+  const { hand, device, socket } = haply();
+  device.hear(message([0, 0, 0], { pressed: false }), 1);
+  device.hear(message([0, 0, 0]), 2);
+  assert.ok(hand.held);
+  socket.send = () => { throw new Error("it is closing"); };
+  assert.throws(() => device.read("", 3), /closing/);
   assert.ok(!hand.held);
 });
 

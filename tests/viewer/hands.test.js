@@ -13,7 +13,7 @@ function near(way, expected) {
 }
 
 /** @param {boolean} pressed @param {number[]} axes */
-const pad = (pressed, axes = [0, 0, 0, 0]) => ({ axes, buttons: Array.from({ length: 8 }, (_, i) => ({ pressed: i === 5 && pressed })) });
+const pad = (pressed, axes = [0, 0, 0, 0]) => ({ index: 0, axes, buttons: Array.from({ length: 8 }, (_, i) => ({ pressed: i === 5 && pressed })) });
 
 test("a drag moves the hand as far as it goes across the picture", () => {
   const hand = new Hand();

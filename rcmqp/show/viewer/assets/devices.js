@@ -1,12 +1,10 @@
 // Devices beside pointer and keys, each with a button on the page where the browser can use it.
 
 import { query } from "./elements.js";
+import { Gamepad } from "./gamepad.js";
 import { Haply } from "./haply.js";
 import { Headset } from "./headset.js";
 import { SpaceMouse } from "./spacemouse.js";
-
-/** Ticks without looking for a gamepad, after there was none. */
-const PAUSE = 8;
 
 /** What to say of a device. @param {string} words */
 function say(words) {
@@ -39,8 +37,7 @@ export class Devices {
    */
   constructor(hand, page) {
     this.hand = hand;
-    /** Ticks until gamepads are looked for again, as there is none. */
-    this.rest = 0;
+    this.gamepad = new Gamepad(hand);
     this.spaceMouse = new SpaceMouse(hand, page.changed);
     this.haply = new Haply(hand, { ...page, said: say });
     const { hid, xr } = /** @type {{hid?: import("./spacemouse.js").Hid, xr?: import("./headset.js").Xr}} */ (
@@ -57,12 +54,7 @@ export class Devices {
 
   /** What they do meanwhile, the gamepad too. @param {number} passed since the last time [s] @param {number} now [ms] */
   tick(passed, now) {
-    if (this.rest > 0) this.rest -= 1;
-    else {
-      const pad = navigator.getGamepads().find(Boolean) ?? null; // takes up to half a millisecond
-      this.hand.read(pad, passed, now);
-      this.rest = pad ? 0 : PAUSE;
-    }
+    this.gamepad.tick(passed, now);
     this.spaceMouse.tick(passed, now);
     this.haply.tick(now);
     this.headset.controllers.tick(now);

@@ -36,6 +36,8 @@ export class Hand {
     this.others = new Set();
     /** Devices whose dead-man was seen let go since the last release. @type {Set<string>} */
     this.free = new Set();
+    /** The number of the gamepad that was read last. */
+    this.pad = -1;
   }
 
   /** Whether the dead-man is held. */
@@ -156,14 +158,16 @@ export class Hand {
 
   /**
    * Read a gamepad: its shoulder holds, the left stick moves, the right one goes in and rolls. One
-   * that is plugged in anew has to be let go first.
+   * that is plugged in anew, or is another one, has to be let go first.
    *
-   * @param {{axes: readonly number[], buttons: readonly {pressed: boolean}[]} | null} pad
+   * @param {{index: number, axes: readonly number[], buttons: readonly {pressed: boolean}[]} | null} pad
    * @param {number} passed since the last time [s]
    * @param {number} at [ms]
    */
   read(pad, passed, at) {
-    if (!pad) return this.lose("gamepad");
+    if (pad?.index !== this.pad) this.lose("gamepad");
+    this.pad = pad?.index ?? -1;
+    if (!pad) return;
     if (!this.grasp("gamepad", pad.buttons[SHOULDER]?.pressed ?? false)) return;
     const [x = 0, y = 0, roll = 0, out = 0] = pad.axes;
     this.push([x, y, -out, roll], passed, at);

@@ -46,19 +46,29 @@ export class Haply {
   /** @param {string} address of the service */
   connect(address = SERVICE) {
     if (this.socket) return;
-    this.socket = new WebSocket(address);
-    this.socket.addEventListener("message", ({ data }) => this.read(data, performance.now()));
-    this.socket.addEventListener("open", () => sessionStorage.setItem(REMEMBERED, ""));
-    this.socket.addEventListener("close", () => {
-      this.socket = null;
-      sessionStorage.removeItem(REMEMBERED);
-      this.letGo();
+    const socket = this.socket = new WebSocket(address);
+    socket.addEventListener("message", ({ data }) => this.read(data, performance.now()));
+    socket.addEventListener("open", () => sessionStorage.setItem(REMEMBERED, ""));
+    socket.addEventListener("close", () => {
+      if (this.socket !== socket) return; // it was left before
+      this.leave();
       this.page.said(`no Haply at ${address}: is its service running?`);
     });
   }
 
+  /** Listen no more; connect() begins anew. */
+  leave() {
+    const socket = this.socket;
+    this.socket = null;
+    this.device = "";
+    sessionStorage.removeItem(REMEMBERED);
+    this.letGo();
+    socket?.close();
+  }
+
   /**
    * A message as it came. One that is odd is answered without a force, and nothing of it is followed.
+   * Without a device there is no answer, and no other message: the user has to connect again.
    *
    * @param {string} text
    * @param {number} at [ms]
@@ -68,8 +78,9 @@ export class Haply {
     try {
       this.hear(JSON.parse(text), at);
     } catch (error) {
-      if (this.answered === before && this.device) this.answer([0, 0, 0]);
       this.letGo();
+      if (!this.device) this.leave();
+      else if (this.answered === before) this.answer([0, 0, 0]);
       this.page.said(`a message of the Haply's service is not understood: ${error instanceof Error ? error.message : error}`);
     }
   }

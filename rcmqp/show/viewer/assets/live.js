@@ -8,19 +8,15 @@ import { depth } from "./format.js";
 import { Hand } from "./hands.js";
 import { Link } from "./link.js";
 import { readRecording } from "./recording.js";
+import { Slowness } from "./slowness.js";
 import { drawsInSoftware } from "./software.js";
 import { LiveSource } from "./sources.js";
 import { Stage } from "./stage.js";
 import { Task, sight } from "./task.js";
+import { EVERY, Teller } from "./teller.js";
 
-/** How often a held hand is told of [ms]. */
-const EVERY = 16;
-/** Least time from one message to the next [ms]. */
-const LEAST = 4;
 /** Pictures in light mode: time from one to the next, at least [ms]. */
 const LIGHT = 66;
-/** A loop that has skipped a larger share of its last cycles is said to be slow. */
-const SLOW = 0.05;
 /** Numbers are written so often, and in light mode [ms]. */
 const [READ, LIGHT_READ] = [100, 250];
 /** An arm whose joints turn less from one picture to the next stands still [rad]. */
@@ -37,7 +33,7 @@ const stage = new Stage(
   query(document, "#scene"), picture, { scene, arm, runs: [{ ...first, source }] }, { antialias: !software });
 const hand = new Hand();
 const page = {
-  steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, told: 0, sent: false, held: false, waits: false,
+  steers: false, free: false, ended: "", stopped: 0, silent: false, light: false, came: 0, held: false,
 };
 /** @type {import("./link.js").Live | null} */
 let newest = null;
@@ -53,6 +49,7 @@ const link = new Link({
     if (hand.held && state.stopped > page.stopped) page.silent = true;
     page.stopped = state.stopped;
     newest = state;
+    page.came = performance.now();
     if (state.latency) writeLatency(state.latency);
   },
   role(steers) {
@@ -76,31 +73,16 @@ const link = new Link({
   } : undefined,
 });
 
+const teller = new Teller(hand, { steers: () => page.steers, send: () => link.tell(hand) });
+const slowness = new Slowness();
 const task = orders && new Task(orders, stage, link);
 const devices = new Devices(hand, {
   changed, released: release, draw, picture: stage.scope.domElement, viscosity: () => newest?.viscosity ?? 0,
 });
 
-/** Tell the server of the hand now, and that it has let go without fail. */
-function tell() {
-  const held = hand.held;
-  if (!page.steers || (!held && !page.sent)) return;
-  page.told = performance.now();
-  page.sent = held;
-  link.tell(hand);
-}
-
-/** After an input: at once, or as soon as the last message is old enough. */
+/** After an input. */
 function changed() {
-  const rest = page.told + LEAST - performance.now();
-  if (rest <= 0 || !hand.held) tell();
-  else if (!page.waits) {
-    page.waits = true;
-    setTimeout(() => {
-      page.waits = false;
-      if (hand.event !== null) tell();
-    }, rest);
-  }
+  teller.changed();
   if (hand.held !== page.held) write(); // the rest is written with the next picture
 }
 
@@ -127,7 +109,7 @@ function writeLatency({ input, state }) {
     query(document, "#state-picture").textContent = quantiles([0.5, 0.95, 0.99].map((p) => sorted[Math.floor(p * sorted.length)]), 1);
 }
 
-/** Write a text that is not there yet: the browser draws the page anew for it. @param {string} where @param {string} text */
+/** Set an element's text only if it changes. @param {string} where @param {string} text */
 function put(where, text) {
   const element = query(document, where);
   if (element.textContent !== text) element.textContent = text;
@@ -148,9 +130,10 @@ function write() {
   document.body.dataset.said = said[0];
   put("#said", said[1]);
   query(document, "#take").hidden = page.steers || page.ended !== "" || !page.free;
-  const slow = page.ended ? 0 : newest?.skipped ?? 0;
-  query(document, "#slow").hidden = slow <= SLOW;
-  put("#slow", `This computer is too busy: the arm moves ${Math.round(100 * slow)} % slower than it should.`);
+  slowness.see(page.ended ? 0 : newest?.skipped ?? 0, performance.now() - page.came);
+  document.body.classList.toggle("slow", slowness.on);
+  put("#slower", String(slowness.percent));
+  put("#slow-said", slowness.on ? "The loop is too slow." : "");
   task?.write(page.steers && !page.ended, newest);
   if (!newest) return;
   put("#rcm", short(Math.hypot(...Array.from(newest.slip))));
@@ -215,7 +198,7 @@ setInterval(() => {
   devices.tick(passed, now);
   if (!page.steers || page.ended) hand.release();
   hand.tick(passed, now);
-  if (now - page.told >= EVERY - 1) tell();
+  teller.tick();
 }, EVERY);
 
 /** Without a graphics card: coarser, without shadows. @param {boolean} on */

@@ -6,7 +6,7 @@ const NAMES = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 /** @param {string} renderer as WEBGL_debug_renderer_info names it */
 export const isSoftware = (renderer) => NAMES.test(renderer);
 
-/** Ask a context that is given back at once. */
+/** Ask a temporary WebGL context. */
 export function drawsInSoftware() {
   const gl = document.createElement("canvas").getContext("webgl2");
   const known = gl?.getExtension("WEBGL_debug_renderer_info");
