@@ -60,8 +60,8 @@ def run_live(
         host: the interface to listen on.
         port: to listen at; 0 for any that is free.
         out: file to record the session into.
-        law_file: FILE.py:CLASS of a controller of one's own, which is registered here; the loop's
-            process takes it from there.
+        law_file: FILE.py:CLASS of a user's controller. The caller has registered it; the loop's
+            process loads it again.
         started: is called with the address of the page, which has the token.
 
     Raises:

@@ -17,7 +17,8 @@ function page() {
     hand, sent, steers: true, now: 1000, offset: 0,
     /** Set the clock, and let the timers run that are due. @param {number} now [ms] */
     at(now) {
-      for (;;) {
+      for (let runs = 0; ; runs += 1) {
+        assert.ok(runs < 100, "timers that never end");
         const timer = timers.filter(([due]) => due <= now).sort(([a], [b]) => a - b)[0];
         if (!timer) break;
         timers = timers.filter((each) => each !== timer);
