@@ -69,8 +69,9 @@ def hold(loop: LoopProcess, number: int) -> bool:
 
 
 def test_what_a_law_prints_is_no_answer_to_the_server(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     with loop_process(header(tmp_path / "own.py", "print('hello from a step')")) as loop:
         loop.prepare()
         at_once = capfd.readouterr()
@@ -141,7 +142,6 @@ def test_page_notes_and_report_agree_on_the_share_of_skipped_cycles(lateness: fl
         held = Held.by(session.steering, controller)
         loop = RealtimeLoop(robot, held, session, 1.5 * RECENT, lateness=10.0, timing=timing)
         with loop:
-            session.begin()
             told = [json.loads(text) for text in _after(loop, ours, clock, lateness * T)]
     report = loop.report()
     share = 1.0 - 1.0 / lateness

@@ -106,14 +106,10 @@ class Session:
         self.hand = PageHand(channel, time.monotonic)
         self._insertion, self._robot, self._channel = insertion, robot, channel
         self.steering = Steering(insertion, self.hand, period, **hand)
-        self._time, self._cycle, self._period = 0.0, 0, period
+        self._time, self._cycle = 0.0, 0
         self._every = max(1, math.floor(1.0 / (FRAME_RATE * period) + 1e-9))
         self._followed = self._commanded = math.nan
         self._pace, self.skipped = Pace(period), 0.0
-
-    def begin(self) -> None:
-        """The warm-up is over: the pace counts from the next cycle on."""
-        self._pace = Pace(self._period)
 
     def __call__(self, t: float) -> Stamped:
         """The reference at ``t`` [s]."""
@@ -140,7 +136,8 @@ class Session:
             self.state.add(at - self._commanded, self._time)
             self._commanded = math.nan
         asked = self.steering.reference
-        self.skipped = self._pace.skipped(self._time, self._cycle)
+        if self._time > 0.0:  # the warm-up is at 0 and has no pace
+            self.skipped = self._pace.skipped(self._time, self._cycle)
         words = {
             "kind": "state",
             "time": self._time,
@@ -236,7 +233,6 @@ def run(
         ready()
         begun = bool(sys.stdin.readline())
         threading.Thread(target=listen, daemon=True).start()
-        session.begin()
         gc.collect()
         gc.freeze()
         gc.disable()
