@@ -338,7 +338,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     const size_t mark = arena->used;
     const int free = state->free, m = level->m, held = state->held;
     double *y = take(arena, free);
-    int *index = (int *)take(arena, state->N), range;
+    int *index = (int *)take(arena, state->N);
     Route route = CLOSED_FORM;
     Problem problem;
     Rows rows;
@@ -354,7 +354,7 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     const double *own = problem.M + held * free;
     const int strict = !(level->damping > 0.0) && !level->last, alone = held == 0;
     const int rank = pseudo_solve(problem.M, problem.m, free, problem.c, problem.tol, y,
-                                  strict && alone ? &rows : NULL, NULL, &range, arena);
+                                  strict && alone ? &rows : NULL, NULL, arena);
     if (rank >= 0 && feasible(&problem, y)) {
         move(state, y);
         if (level->damping > 0.0)

@@ -33,10 +33,13 @@
  * acceleration and the bounds keep m of A v0 from the level in the end, the steps are made once more
  * with d^2 + L_m^2 in place of d^2, L_m being L for the damping d sqrt(x), x = (m / d - 5e-5) / 0.006
  * with m / d in rad/s: near the v that serves a blocked level best, d alone would ask for great
- * speeds to and fro, faster than such joints can turn round. And where the bounds keep the damped
- * levels above from what they aim at, by m_j, x' being that of the norm of all m_j / d_j, the level
- * then aims at A v0 / (1 + x' x / (1 + x)) only: it is asked for its rate now and a little more
- * (approach.c), so nothing would brake a motion that those levels do not mind, and it would swing.
+ * speeds to and fro, faster than such joints can turn round. These steps aim at A v0 / (1 + y), with
+ *
+ *     y = x' x / (1 + x),  x' = (sqrt(sum_j (m_j / d_j)^2) - 5e-5) / 0.006, or 0 where that is less,
+ *
+ * m_j being what the bounds keep from the aim of the damped level j above: the level is asked for its
+ * rate now and a little more (approach.c), so nothing would brake a motion that the levels above do
+ * not mind, and it would swing.
  *
  * Every step is a projection on a convex set in a norm that changes continuously; where v0 keeps the
  * bounds, all steps stay there. So the answer is continuous through the change from one form to the

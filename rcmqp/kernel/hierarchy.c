@@ -31,8 +31,8 @@
 #define GIVES_WAY 0.003
 
 /* Where bounds keep a damped level from its aim by more than the first of these, over its damping,
- * speed costs it more, twice as much by the second more; and the damped levels below it, where they
- * are kept from theirs too, ask for half as much [rad/s]. */
+ * speed costs it more, twice as much by the second more; and the damped levels below it that are
+ * kept from theirs, too, aim at less, see cascade.h [rad/s]. */
 #define KEPT_FROM 5e-5
 #define HELD_BACK 0.006
 
@@ -414,7 +414,8 @@ static Route approach_open(Work *work, Level *level, int k, int *rounds, Arena *
     return route;
 }
 
-/* How much bounds count that keep a damped level from its aim by so much [rad/s]. */
+/* Weight of what bounds keep from a damped level [rad/s]: zero up to KEPT_FROM, one at HELD_BACK
+ * more. */
 static double held_back(double by) { return larger(0.0, by - KEPT_FROM) / HELD_BACK; }
 
 /* A damped level inside bounds; where they keep it from its aim, once more with more damping, and a

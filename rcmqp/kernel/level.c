@@ -84,27 +84,23 @@ static void advance(double *y, double share, const double *step, int r)
     for (int j = 0; j < r; ++j) y[j] += share * step[j];
 }
 
-/* Hold an independent part of the proposal, and start at the point of least norm on it. */
-static void start_at(const Problem *problem, const double *proposed, Working *working, double *y,
-                     Arena *arena)
+/* Hold an independent part of the proposal. */
+static void start_with(const Problem *problem, const double *proposed, Working *working,
+                       Arena *arena)
 {
     const size_t mark = arena->used;
     const int r = problem->r, k = problem->k;
-    double *rows = take(arena, k * r), *L = take(arena, k * r), *Q = take(arena, r * r);
-    double *w = take(arena, r);
+    double *rows = take(arena, k * r), *beta = take(arena, r);
     int *order = (int *)take(arena, k), *index = (int *)take(arena, k), count = 0;
     for (int i = 0; i < k; ++i) {
         if (proposed[i] == 0.0) continue;
         memcpy(rows + count * r, problem->R + i * r, sizeof(double) * (size_t)r);
         index[count++] = i;
     }
-    working->count = factor(rows, count, r, INDEPENDENT, L, Q, order, arena);
+    working->count = reduce(rows, count, r, INDEPENDENT, beta, order);
     for (int a = 0; a < working->count; ++a) {
         const int i = index[order[a]];
         working->rows[a] = i, working->held[i] = proposed[i];
-        const double bound = proposed[i] > 0.0 ? problem->upper[i] : problem->lower[i];
-        w[a] = (bound - dot(L + a * r, w, a)) / L[a * r + a];
-        for (int j = 0; j < r; ++j) y[j] += Q[j * r + a] * w[a];
     }
     arena->used = mark;
 }
@@ -167,18 +163,21 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
     Working working = {0, (int *)take(arena, r), take(arena, k)};
     double *held = working.held, *near = take(arena, k), *rows = take(arena, r * r);
     double *L = take(arena, r * r), *Q = take(arena, r * r);
-    double *MN = take(arena, m * r), *U = take(arena, m * m), *left = take(arena, m);
+    double *MN = take(arena, m * r), *left = take(arena, m);
     double *step = take(arena, r), *w = take(arena, r), *g = take(arena, r);
     int *order = (int *)take(arena, r), stalls = 0, status = -max_rounds;
     memset(held, 0, sizeof(double) * (size_t)k);
     memset(y, 0, sizeof(double) * (size_t)r);
     memset(multipliers, 0, sizeof(double) * (size_t)k); /* rounds may run out first */
-    start_at(problem, proposed, &working, y, arena);
+    start_with(problem, proposed, &working, arena);
+    const size_t inner = arena->used;
     for (int turn = 0; turn < max_rounds; ++turn) {
         /* the step to the optimum on the working set */
         const int count = working.count, n_free = r - count;
-        int range, row;
+        int row;
         double side;
+        Rows columns;
+        arena->used = inner;
         for (int a = 0; a < count; ++a)
             memcpy(rows + a * r, problem->R + working.rows[a] * r, sizeof(double) * (size_t)r);
         factor(rows, count, r, 0.0, L, Q, order, arena);
@@ -197,7 +196,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
                 MN[i * n_free + b] = total;
             }
         }
-        pseudo_solve(MN, m, n_free, left, problem->tol, w, NULL, U, &range, arena);
+        pseudo_solve(MN, m, n_free, left, problem->tol, w, NULL, &columns, arena);
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
         if (turn == 0 && count > 0) {
             advance(y, 1.0, step, r);
@@ -225,15 +224,11 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
             held[row] = side;
             continue;
         }
-        /* multipliers; the residual has no part in U, so what is there is rounding, and goes:
-         * or the heavy rows' rounding would drown the light ones' residual */
+        /* multipliers; the residual has no part in MN's range, so what is there is rounding, and
+         * goes: or the heavy rows' rounding would drown the light ones' residual */
         double tol = 0.0;
-        for (int i = 0; i < m; ++i) left[i] = range < 0 ? 0.0 : dot(M + i * r, y, r) - c[i];
-        for (int b = 0; b < range; ++b) {
-            double part = 0.0;
-            for (int i = 0; i < m; ++i) part += U[i * m + b] * left[i];
-            for (int i = 0; i < m; ++i) left[i] -= part * U[i * m + b];
-        }
+        for (int i = 0; i < m; ++i) left[i] = dot(M + i * r, y, r) - c[i];
+        outside_range(&columns, m, left);
         for (int j = 0; j < r; ++j) {
             double rounding = 0.0;
             g[j] = 0.0;

@@ -127,25 +127,26 @@ static void solve_columns(const double *T, int r, int m, const double *beta, con
  * (Cox and Higham 1998). Rows are reduced first where columns are dependent, or where `rows` asks
  * for M's row space.
  *
- * Where rank < m, the first *range columns of U (m, m) span the range of M; otherwise *range is -1:
- * the range is everything. U is not made where it is NULL. Returns the rank, or -1 where the
- * numbers are no numbers. `rows` is made in the arena, and stays there. */
+ * Returns the rank, or -1 where the numbers are no numbers. What `rows` and `columns` ask for, M's
+ * row space and what outside_range() needs, is made in the arena, and stays there. */
 int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
-                 double *U, int *range, Arena *arena)
+                 Rows *columns, Arena *arena)
 {
-    Rows own = {0};
+    Rows own_rows = {0}, own_columns = {0};
     if (rows != NULL) make_rows(rows, m, r, arena);
+    if (columns != NULL) make_rows(columns, r, m, arena);
     const size_t mark = arena->used;
-    double *T = take(arena, r * m), *w = take(arena, m > r ? m : r), *left = take(arena, m);
-    double *beta = take(arena, r);
-    int *turn = (int *)take(arena, r), direct = 0, rank = r;
+    if (columns == NULL) make_rows(columns = &own_columns, r, m, arena);
+    double *w = take(arena, m > r ? m : r), *left = take(arena, m), *T = columns->L;
+    double *beta = columns->beta;
+    int *turn = columns->order, direct = 0, rank = r;
     if (rows == NULL && m >= r) {
         for (int i = 0; i < m; ++i)
             for (int j = 0; j < r; ++j) T[j * m + i] = M[i * r + j];
         direct = reduce(T, r, m, tol, beta, turn) == r;
     }
     if (!direct) {
-        if (rows == NULL) make_rows(rows = &own, m, r, arena);
+        if (rows == NULL) make_rows(rows = &own_rows, m, r, arena);
         memcpy(rows->L, M, sizeof(double) * (size_t)(m * r));
         rank = rows->rank = reduce(rows->L, m, r, tol, rows->beta, rows->order);
     }
@@ -156,8 +157,7 @@ int pseudo_solve(const double *M, int m, int r, const double *c, double tol, dou
                 T[i * m + rows->order[j]] = j < i ? 0.0 : rows->L[j * r + i];
         if (reduce(T, rank, m, 0.0, beta, turn) < rank) rank = -1;
     }
-    *range = tall ? rank : -1;
-    if (tall && rank > 0 && U != NULL) expand(T, m, rank, beta, U, arena);
+    columns->rank = rank;
     memset(y, 0, sizeof(double) * (size_t)r);
     for (int refined = 0; refined < 2 && rank > 0; ++refined) {
         for (int i = 0; i < m; ++i) left[i] = c[i] - dot(M + i * r, y, r);
@@ -173,6 +173,19 @@ int pseudo_solve(const double *M, int m, int r, const double *c, double tol, dou
     }
     arena->used = mark;
     return rank;
+}
+
+/* x (m) without its part in the range of an M (m, r), with what pseudo_solve() made of it. */
+void outside_range(const Rows *columns, int m, double *x)
+{
+    const int rank = columns->rank;
+    if (rank < 0 || rank >= m) { /* the range is everything */
+        memset(x, 0, sizeof(double) * (size_t)m);
+        return;
+    }
+    for (int j = 0; j < rank; ++j) reflect(columns->L, m, j, columns->beta, x);
+    memset(x, 0, sizeof(double) * (size_t)rank);
+    for (int j = rank - 1; j >= 0; --j) reflect(columns->L, m, j, columns->beta, x);
 }
 
 /* Lower factor of A = L L^T (n, n), positive definite, in place of its lower triangle; on its

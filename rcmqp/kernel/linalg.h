@@ -78,7 +78,9 @@ void make_rows(Rows *rows, int k, int r, Arena *arena);
 void reflect_rows(const Rows *rows, int r, double *X, int n, Arena *arena);
 
 int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
-                 double *U, int *range, Arena *arena);
+                 Rows *columns, Arena *arena);
+
+void outside_range(const Rows *columns, int m, double *x);
 
 void cholesky(double *A, int n);
 
