@@ -8,7 +8,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rcmqp._kernel import all_finite
 from rcmqp.controllers.braking import NOTHING, Brake, all_zero
 from rcmqp.errors import InvalidCommand, RcmqpError
 from rcmqp.maths.dualquaternion import Array
@@ -107,7 +106,7 @@ def _check_vector(name: str, values: Array, size: int, *, angles: bool = False) 
         raise InvalidCommand(
             f"read() answered a {name} of shape {values.shape}, it must be ({size},){hint}"
         )
-    if not all_finite(values):
+    if not np.isfinite(values).all():
         raise InvalidCommand(f"{name} is not finite, as it was read: {values}")
 
 
@@ -237,7 +236,7 @@ class CommandCheck:
         """
         arm, T = self.arm, self._brake.period
         command = np.array(v, dtype=float)
-        if command.shape != (arm.nv,) or not all_finite(command):
+        if command.shape != (arm.nv,) or not np.isfinite(command).all():
             raise InvalidCommand(
                 f"{self.controller} answered {command}, not {arm.nv} finite numbers"
             )

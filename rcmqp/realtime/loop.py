@@ -14,7 +14,6 @@ from typing import Self
 
 import numpy as np
 
-from rcmqp._kernel import all_finite
 from rcmqp.controllers.base import Controller
 from rcmqp.controllers.braking import Brake, braking
 from rcmqp.errors import OptionError
@@ -339,7 +338,7 @@ class RealtimeLoop:
         self.angles, self.read_at = state.angles, now
         if self.watching is not None:
             self.watching.see(state)
-        if all_finite(newest.reference.pivot):
+        if np.isfinite(newest.reference.pivot).all():
             self.pivot = np.asarray(newest.reference.pivot, dtype=float)
         self.controller_stops += answer.diagnostics.get("safe_stop", 0.0) > 0.0
         self._notes.asked = Asked(newest, self.pivot, answer, solve_time)

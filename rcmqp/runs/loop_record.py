@@ -21,7 +21,6 @@ import numpy as np
 from rcmqp.controllers.base import SAFE_STOP, Controller
 from rcmqp.errors import OptionError, RunFileError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.system import make_ordinary
 from rcmqp.references.paths import Foreign
 from rcmqp.references.paths import Path as ViewPath
 from rcmqp.runs.head import check_replaceable
@@ -101,6 +100,13 @@ class RowFormat:
             return None
         diagnostics = dict(zip(self.names, values, strict=True))
         return LoopRow._make((time, solve_time, diagnostics, *arrays, text.decode()))
+
+
+def _step_down() -> None:
+    """Leave a real-time priority in this thread, and so in what it starts from now on."""
+    real_time = {getattr(os, name, None) for name in ("SCHED_FIFO", "SCHED_RR")} - {None}
+    if real_time and os.sched_getscheduler(0) in real_time:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 class LoopRecorder:
@@ -192,7 +198,7 @@ class LoopRecorder:
             raise OptionError(f"{self._path}: a LoopRecorder records one loop; make another one")
         header = self._header_line()
         pipe = subprocess.PIPE
-        with ThreadPoolExecutor(1, initializer=make_ordinary) as starter:  # what it starts, too
+        with ThreadPoolExecutor(1, initializer=_step_down) as starter:
             self._process = starter.submit(
                 subprocess.Popen[bytes],
                 [sys.executable, "-m", "rcmqp.runs.loop_writer"],
