@@ -258,7 +258,10 @@ def right(name: str, rng: np.random.Generator) -> Arguments:
     if name in ("law", "solve"):
         return right_law(rng) if name == "law" else right_solve(rng)
     table: dict[str, Callable[[], Arguments]] = {
-        "usable": lambda: [rng.normal(size=(6, n)), *vectors, *cycle(rng, n)[5:9], 1e-6],
+        "usable": lambda: [
+            *(rng.normal(size=(6, n)), rng.normal(size=8), vectors[0]),
+            *(*vectors, *cycle(rng, n)[5:9], 1e-6),
+        ],
         "frozen": lambda: [rng.normal(size=(6, n)), 6, -1],
         "record": lambda: [Pair, 1, "x"],
         "moved": lambda: [*vectors[:2], 1e-3],

@@ -119,6 +119,8 @@ def solve(
 ) -> tuple[Array, Array]: ...
 def usable(
     J_local: Array,
+    x: Array,
+    angles: Array,
     q: Array,
     v: Array,
     a: Array,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import math
+import pickle
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -238,3 +240,35 @@ def test_a_class_that_gives_no_name_goes_by_its_own(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(CONTROLLERS, "half", HalfGain)
     with pytest.raises(OptionError, match=r"in CONTROLLERS as 'half', .* would say 'half_gain'"):
         make_controller("half", insertion, scenario.period)
+
+
+@every_controller
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda law: pickle.loads(pickle.dumps(law))])
+def test_a_copy_answers_as_a_law_that_was_reset_before_and_after_a_step(
+    name: str, copied: Callable[[Controller], Controller]
+) -> None:
+    law = made(name)
+    (reference,) = views(law.insertion, 1)
+    state = law.insertion.state(law.insertion.q_start)
+    first = copied(law).step(state, reference).v
+    assert_allclose(law.step(state, reference).v, first)
+    assert_allclose(copied(law).step(state, reference).v, first)  # as if reset
+
+
+@every_controller
+def test_states_of_other_kinds_of_arrays_are_answered(name: str) -> None:
+    """Single precision, and views of every other number."""
+    law = made(name)
+    (reference,) = views(law.insertion, 1)
+    state = law.insertion.state(law.insertion.q_start)
+    single = dataclasses.replace(state, J_local=state.J_local.astype(np.float32))
+    spread = dataclasses.replace(
+        state, angles=np.repeat(state.angles, 2)[::2], x=np.repeat(state.x, 2)[::2]
+    )
+    for other in (single, spread):
+        law.reset()
+        expected = law.step(state, reference).v
+        law.reset()
+        answer = law.step(other, reference)
+        assert not answer.stop
+        assert_allclose(answer.v, expected, atol=1e-4)

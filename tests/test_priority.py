@@ -79,12 +79,14 @@ def test_what_is_no_level_is_refused() -> None:
         with pytest.raises(TypeError, match=r"a level must be a tuple|A must be a C-contiguous"):
             kernel.in_order(levels, numbers, rest)
     for given in (
-        (((A[:2].copy(), b),), numbers, rest),
         (((A, b), (np.ones((3, 6)), b)), numbers, None),
         (((A, b),), np.ones(3), rest),
         (((A, b),), numbers, np.ones(6)),
     ):
         with pytest.raises(ValueError, match="numbers, expected"):
             kernel.in_order(*given)
+    for level in ((A[:2].copy(), b), (A.T.copy(), b), (A.ravel(), b)):
+        with pytest.raises(ValueError, match="a row for each number of b"):
+            kernel.in_order((level,), numbers, rest)
     with pytest.raises(TypeError, match="takes 3 arguments"):
         kernel.in_order(((A, b),), numbers)

@@ -209,6 +209,13 @@ class Controller(abc.ABC):
         check(self)
         check_gains(self, self.period)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy keeps: all but what is made when first needed. It begins as if reset."""
+        kind, made = type(self), functools.cached_property
+        return {
+            k: v for k, v in vars(self).items() if not isinstance(getattr(kind, k, None), made)
+        }
+
     @property
     def options(self) -> dict[str, Any]:
         """The options that this controller runs with."""

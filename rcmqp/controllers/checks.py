@@ -61,6 +61,8 @@ def is_usable(state: ArmState, reference: Reference) -> bool:
     """Whether fault() would find nothing, and every array is one that compiled code can read."""
     return usable(
         state.J_local,
+        state.x,
+        state.angles,
         state.q,
         state.v,
         state.a,
@@ -77,7 +79,9 @@ def as_numbers(state: ArmState, reference: Reference) -> tuple[ArmState, Referen
     vectors: dict[str, Any] = {
         name: _numbers(getattr(state, name)) for name in ("q", "angles", "x", "v", "a")
     }
-    state = dataclasses.replace(state, J_local=np.ascontiguousarray(state.J_local), **vectors)
+    state = dataclasses.replace(
+        state, J_local=np.ascontiguousarray(state.J_local, dtype=float), **vectors
+    )
     return state, Reference(*(_numbers(getattr(reference, name)) for name in _SIZES))
 
 

@@ -171,10 +171,6 @@ class HierarchicalQP(Controller):
             numbers=tuple(_diagnostics(levels)),
         )
 
-    def __getstate__(self) -> dict[str, Any]:
-        """The options: what is made of them is made anew."""
-        return {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
-
     @property
     def diagnostics(self) -> Mapping[str, tuple[str, str]]:  # type: ignore[override]
         """Unit and meaning of what is recorded of a step: one residual a level, and NUMBERS."""

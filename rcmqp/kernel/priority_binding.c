@@ -23,6 +23,11 @@ static int read_goal(PyObject *level, npy_intp *n, Goal *goal)
         PyErr_Format(PyExc_ValueError, "a level must have 1 to %d rows and unknowns", MOST_SIZE);
         return 0;
     }
+    if (!PyArray_Check(A) || PyArray_NDIM((PyArrayObject *)A) != 2 ||
+        PyArray_DIM((PyArrayObject *)A, 0) != m) {
+        PyErr_SetString(PyExc_ValueError, "A of a level must have a row for each number of b");
+        return 0;
+    }
     *goal = (Goal){
         (int)m,
         numbers_of(A, NPY_DOUBLE, m * *n, "A"),

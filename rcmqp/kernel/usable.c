@@ -25,21 +25,22 @@ static int vector_of(PyObject *object, npy_intp size, const double **numbers)
     return are_finite(*numbers, PyArray_SIZE(array));
 }
 
-/* usable(J_local, q, v, a, x_d, x_d_dot, pivot, pivot_dot, tolerance): arrays that compiled code can
- * read; but for J_local all finite and of the right sizes; and x_d a pose, |P| = 1 and P.D = 0 to
+/* usable(J_local, x, angles, q, v, a, x_d, x_d_dot, pivot, pivot_dot, tolerance): arrays that compiled
+ * code can read; from q on all finite and of the right sizes; and x_d a pose, |P| = 1 and P.D = 0 to
  * the tolerance. What is not usable, Python mends, or says in words. */
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     static const npy_intp sizes[7] = {-1, -1, -1, 8, 8, 3, 3};
     const double *numbers, *x_d = NULL;
     (void)self;
-    if (!counted("usable", count, 9)) return NULL;
-    if (!is_readable(args[0])) Py_RETURN_FALSE;
+    if (!counted("usable", count, 11)) return NULL;
+    for (int i = 0; i < 3; ++i)
+        if (!is_readable(args[i])) Py_RETURN_FALSE;
     for (int i = 0; i < 7; ++i) {
-        if (!vector_of(args[i + 1], sizes[i], &numbers)) Py_RETURN_FALSE;
+        if (!vector_of(args[i + 3], sizes[i], &numbers)) Py_RETURN_FALSE;
         if (i == 3) x_d = numbers;
     }
-    const double tolerance = number_of(args[8]);
+    const double tolerance = number_of(args[10]);
     if (PyErr_Occurred()) return NULL;
     const double size = sqrt(dot(x_d, x_d, 4)), mixed = dot(x_d, x_d + 4, 4);
     return PyBool_FromLong(fabs(size - 1.0) <= tolerance && fabs(mixed) <= tolerance);
