@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -95,14 +96,12 @@ def may_be_real_time() -> bool:
         return False
 
 
-@pytest.mark.skipif(
-    not (may_be_real_time() and Path("/proc/self/task").exists()),
-    reason="real-time priority is not permitted here",
-)
+@pytest.mark.skipif(sys.platform != "linux", reason="real-time priorities are Linux's")
 def test_a_loop_whose_law_is_too_slow_does_not_hold_a_core_at_real_time_priority(
     tmp_path: Path,
 ) -> None:
-    slow = f"time.sleep({3.0 * SCENARIO.period})"
+    """Where none is permitted, it is at ordinary priority throughout, and says so."""
+    slow, real_time = f"time.sleep({3.0 * SCENARIO.period})", may_be_real_time()
     with loop_process(header(tmp_path / "own.py", slow)) as loop:
         loop.prepare()
         tasks = Path(f"/proc/{loop.number}/task")
@@ -110,7 +109,7 @@ def test_a_loop_whose_law_is_too_slow_does_not_hold_a_core_at_real_time_priority
         def policies() -> set[int]:
             return {os.sched_getscheduler(int(task.name)) for task in tasks.iterdir()}
 
-        assert policies() == {os.SCHED_FIFO}
+        assert policies() == {os.SCHED_FIFO if real_time else os.SCHED_OTHER}
         loop.start()
         numbers = itertools.count(1)
 
@@ -121,10 +120,12 @@ def test_a_loop_whose_law_is_too_slow_does_not_hold_a_core_at_real_time_priority
         until(gave_up, "the loop to be at ordinary priority")
         loop.stop()
         last = loop.last_words()
-    assert last["priority"].endswith(
-        "then ordinary, as more than 20% of the cycles of 3 s were skipped"
-    )
-    assert last["skipped"] > 0.2
+    if real_time:
+        why = "then ordinary, as more than 20% of the cycles of 3 s were skipped"
+        assert last["priority"].endswith(why)
+        assert last["skipped"] > 0.2
+    else:
+        assert last["priority"].startswith("ordinary, as")
     assert f"| priority | {last['priority']} |" in last["report"]
 
 

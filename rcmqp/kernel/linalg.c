@@ -127,8 +127,8 @@ static void solve_columns(const double *T, int r, int m, const double *beta, con
  * (Cox and Higham 1998). Rows are reduced first where columns are dependent, or where `rows` asks
  * for M's row space.
  *
- * Returns the rank, or -1 where the numbers are no numbers. What `rows` and `columns` ask for, M's
- * row space and what outside_range() needs, is made in the arena, and stays there. */
+ * Returns the rank, or -1 where a number is not finite. `rows`, if given, gets M's row space, and
+ * `columns` what outside_range() needs; both are made in the arena, and stay there. */
 int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
                  Rows *columns, Arena *arena)
 {

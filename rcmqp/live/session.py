@@ -260,9 +260,9 @@ def run(
 
 
 def answers() -> IO[str]:
-    """The stream to the server: what was stdout until now.
+    """The stream to the server, which was stdout.
 
-    From now on, stdout is stderr: what a user's law prints is no answer to the server.
+    From now on stdout goes to stderr, so the server never reads what a user's law prints.
     """
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)

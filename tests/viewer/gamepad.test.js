@@ -19,7 +19,7 @@ function gamepad() {
   return { hand, state, tick: () => device.tick(0.016, 7) };
 }
 
-test("while there is no gamepad one is looked for now and then, and found after the pause", () => {
+test("without a gamepad, the page looks for one after each pause, and finds it", () => {
   const { hand, state, tick } = gamepad();
   tick();
   assert.equal(state.looks, 1);

@@ -107,7 +107,7 @@ test("a gamepad counts while its shoulder is held, and has to be let go after a 
   assert.equal(hand.grip, 3);
 });
 
-test("a move that the browser has told of before is no input", () => {
+test("a move to where the pointer already is does not count as input", () => {
   const hand = new Hand();
   hand.down(1, [0, 0], "mouse");
   hand.drag(1, [10, 0], { ...how, at: 5 });

@@ -1,4 +1,4 @@
-// What the page says of a loop that does not keep its period.
+// Tests: when the page says that the loop is slow.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";

@@ -67,8 +67,8 @@ export class Haply {
   }
 
   /**
-   * A message as it came. One that is odd is answered without a force, and nothing of it is followed.
-   * Without a device there is no answer, and no other message: the user has to connect again.
+   * Take a message of the service. If it cannot be read, the hand lets go and the answer has no force.
+   * If it names no device, the connection is closed, and the user has to connect again.
    *
    * @param {string} text
    * @param {number} at [ms]

@@ -1,4 +1,4 @@
-// What the page says of a loop that does not keep its period.
+// When the page says that the loop is slow, and by how much.
 
 /** The share of skipped cycles above which the loop is said to be slow, and below which no more. */
 const [BEGINS, ENDS] = [0.05, 0.02];
