@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 T = TypeVar("T")
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+ToolAt = tuple[float] | tuple[float, Array, Array]
+# x, J_local, angles, v, a, x_d, x_d_dot, pivot, pivot_dot, tool_at: see references/view.py
+Cycle = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, ToolAt]
 Backend = Callable[[int, Array, Array, Array, Array, Array], Array]
 
 HELIX: int
@@ -33,21 +36,7 @@ class Block:
         tool_at: tuple[float] | tuple[float, Array, Array],
         /,
     ) -> tuple[Array, ...]: ...
-    def goal(
-        self,
-        x: Array,
-        J_local: Array,
-        angles: Array,
-        v: Array,
-        a: Array,
-        x_d: Array,
-        x_d_dot: Array,
-        pivot: Array,
-        pivot_dot: Array,
-        tool_at: tuple[float] | tuple[float, Array, Array],
-        gain: float,
-        /,
-    ) -> tuple[Array, Array]: ...
+    def goal(self, *cycle_and_gain: *tuple[*Cycle, float]) -> tuple[Array, Array]: ...
     def interval(
         self, angles: ArrayLike, v: ArrayLike, a: ArrayLike, /
     ) -> tuple[Array, Array]: ...
@@ -68,35 +57,10 @@ class Stack:
         names: tuple[str, ...],
     ) -> Self: ...
     def step(
-        self,
-        x: Array,
-        J_local: Array,
-        angles: Array,
-        v: Array,
-        a: Array,
-        x_d: Array,
-        x_d_dot: Array,
-        pivot: Array,
-        pivot_dot: Array,
-        tool_at: tuple[float] | tuple[float, Array, Array],
-        given: list[tuple[Array, ...]],
-        backend: Backend | None,
-        /,
+        self, *cycle_and_more: *tuple[*Cycle, list[tuple[Array, ...]], Backend | None]
     ) -> tuple[Array, Array, dict[str, float], Ints, int] | None: ...
     def problem(
-        self,
-        x: Array,
-        J_local: Array,
-        angles: Array,
-        v: Array,
-        a: Array,
-        x_d: Array,
-        x_d_dot: Array,
-        pivot: Array,
-        pivot_dot: Array,
-        tool_at: tuple[float] | tuple[float, Array, Array],
-        given: list[tuple[Array, ...]],
-        /,
+        self, *cycle_and_given: *tuple[*Cycle, list[tuple[Array, ...]]]
     ) -> tuple[Array, Array, Ints, Array, Array, Array, Array] | None: ...
     def reset(self) -> None: ...
 
@@ -153,19 +117,7 @@ def least_singular_values(J: Array, /) -> Array: ...
 def in_order(
     levels: tuple[tuple[Array, Array], ...], inverse: Array, rest: Array | None, /
 ) -> tuple[Array, float]: ...
-def manipulability(
-    x: Array,
-    J_local: Array,
-    angles: Array,
-    v: Array,
-    a: Array,
-    x_d: Array,
-    x_d_dot: Array,
-    pivot: Array,
-    pivot_dot: Array,
-    tool_at: tuple[float] | tuple[float, Array, Array],
-    /,
-) -> tuple[float, Array]: ...
+def manipulability(*cycle: *Cycle) -> tuple[float, Array]: ...
 def from_xyzquat(placement: Array, /) -> Array: ...
 def carried(x: Array, offset: Array, /) -> Array: ...
 def view_pose(

@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmqp.controllers.base import Command
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.latency import Deadlines, Latency, skipped_share
+from rcmqp.realtime.latency import Deadlines, Latency
 from rcmqp.references.view import Stamped
 from rcmqp.show.table import Table
 from rcmqp.world.arm import Arm
@@ -199,7 +199,7 @@ class LoopReport:
     def skipped_share(self) -> float:
         """The share of the cycles due that was skipped."""
         due = self.cycles + self.skipped
-        return skipped_share(self.cycles, self.period, due * self.period) if due else 0.0
+        return self.skipped / due if due else 0.0
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and counts, one row each."""

@@ -36,6 +36,17 @@ function page() {
   return { ...state, at: state.at, state, teller: new Teller(hand, { steers: () => state.steers, send }, clock) };
 }
 
+/** A page whose hand was held at 1000 ms, which it told of, and moved 1 ms later. */
+function movedSoon() {
+  const held = page();
+  held.hand.down(1, [0, 0], "mouse");
+  held.teller.changed();
+  held.at(1001);
+  held.hand.drag(1, [10, 0], { size: 400, shift: false, at: 1001 });
+  held.teller.changed();
+  return held;
+}
+
 /** Times from each to the next. @param {[number, ...any][]} sent */
 const gaps = (sent) => sent.slice(1).map(([at], i) => at - sent[i][0]);
 
@@ -59,24 +70,14 @@ test("a mouse at 8 kHz is told of 250 times a second at most, and that it is let
 });
 
 test("an input soon after a message is told of as soon as may be, with nothing more to come", () => {
-  const { hand, sent, teller, at } = page();
-  hand.down(1, [0, 0], "mouse");
-  teller.changed();
-  at(1001);
-  hand.drag(1, [10, 0], { size: 400, shift: false, at: 1001 });
-  teller.changed();
+  const { sent, at } = movedSoon();
   assert.equal(sent.length, 1);
   at(1000 + 2 * LEAST);
   assert.deepEqual(sent, [[1000, true, null], [1000 + LEAST, true, 1001]]);
 });
 
 test("a timer that finds that another message has just gone waits once more", () => {
-  const { hand, sent, teller, at } = page();
-  hand.down(1, [0, 0], "mouse");
-  teller.changed();
-  at(1001);
-  hand.drag(1, [10, 0], { size: 400, shift: false, at: 1001 });
-  teller.changed();
+  const { hand, sent, teller, at } = movedSoon();
   at(1003);
   teller.tell();
   hand.drag(1, [20, 0], { size: 400, shift: false, at: 1003 });
