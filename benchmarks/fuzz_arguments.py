@@ -238,7 +238,7 @@ def right_solve(rng: np.random.Generator) -> Arguments:
     return [
         *(A, rng.normal(size=rows[-1]), np.array(rows), np.array([0.0, 0.01, 0.03])),
         *(-np.ones(n), np.ones(n), rng.normal(size=(m, n)), rng.uniform(size=m)),
-        *(1, 0, 100, None, np.zeros((4, n + m)), None),
+        *(1, 0, 100, None, np.zeros((4, _kernel.SETS, n + m)), None),
     ]
 
 

@@ -15,6 +15,7 @@ Backend = Callable[[int, Array, Array, Array, Array, Array], Array]
 HELIX: int
 CIRCLE: int
 LISSAJOUS: int
+SETS: int
 
 class Block:
     @property
@@ -77,7 +78,7 @@ def solve(
     sluggish: int,
     max_rounds: int,
     v: Array | None,
-    guess: Array,
+    sets: Array,
     backend: Backend | None,
     /,
 ) -> tuple[Array, Array]: ...

@@ -87,10 +87,10 @@ def test_a_rerun_after_reset_gives_the_same_bits(backend: str) -> None:
         return [hierarchy.solve(*arm_like(rng)).v for _ in range(30)]
 
     assert np.array_equal(run(), run())
-    shape = (5, 7)  # the limits, three levels, the rest
-    assert hierarchy.guess(shape).any()
+    size = 4, 7  # three levels and the rest; bounds
+    assert hierarchy.active_sets(*size).any()
     hierarchy.reset()
-    assert not hierarchy.guess(shape).any()
+    assert not hierarchy.active_sets(*size).any()
 
 
 def test_an_answer_does_not_depend_on_what_was_solved_before() -> None:

@@ -26,7 +26,7 @@ PyObject *copied(const double *numbers, int rows, int columns);
 
 int check_levels(const Hierarchy *hierarchy, npy_intp rows);
 
-PyObject *answered(const Hierarchy *hierarchy, const double *start, double *guess,
+PyObject *answered(const Hierarchy *hierarchy, const double *start, double *sets,
                    PyObject *backend, PyObject *names, Arena *arena);
 
 #endif

@@ -36,6 +36,14 @@ static void along(const State *state, const double *rows, int count, double by, 
             found[i * free + j] = by * dot(rows + i * n, state->Z + j * n, n);
 }
 
+/* Row i of G in the free coordinates (free). */
+static void bound_along(const State *state, int i, double *row)
+{
+    const int n = state->n;
+    if (i >= n) along(state, state->G + i * n, 1, 1.0, row);
+    for (int j = 0; i < n && j < state->free; ++j) row[j] = state->Z[j * n + i];
+}
+
 /* Turn Z so that its first rows span those of a matrix (k, free), and drop them. */
 static void turn(State *state, const Rows *rows, Arena *arena)
 {
@@ -188,9 +196,9 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
     if (damped) add_speed(state, level, problem, held + m, L, still, arena);
     for (int i = 0; i < N; ++i) {
         if (state->lower[i] == -INFINITY && state->upper[i] == INFINITY) continue;
-        const double Gv = dot(state->G + i * n, state->v, n);
+        const double Gv = bounded(state, state->v, i);
         double *row = R + problem->k * free;
-        along(state, state->G + i * n, 1, 1.0, row);
+        bound_along(state, i, row);
         if (!(dot(row, row, free) > FIXED * FIXED)) continue;
         lower[problem->k] = smaller(state->lower[i] - Gv, 0.0);
         upper[problem->k] = larger(state->upper[i] - Gv, 0.0);
@@ -228,17 +236,16 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
     const size_t mark = arena->used;
     const int n = state->n, N = state->N;
     double *A = take(arena, N * n), *b = take(arena, N), *upper = state->upper;
-    double *over = take(arena, N), *relaxed = take(arena, N), *none = take(arena, N);
+    double *over = take(arena, N), *relaxed = take(arena, N), *set = take(arena, N);
     double *lam = take(arena, N), *y = take(arena, n), strong = INFINITY;
     int *V = (int *)take(arena, N), *index = (int *)take(arena, N);
     Route route = CLOSED_FORM;
-    memset(none, 0, sizeof(double) * (size_t)N);
     for (int i = 0; i < N; ++i) V[i] = 0;
     *rounds = 0;
     for (int round = 0;; ++round) {
         int same = round > 0, m = 0;
         for (int i = 0; i < N; ++i) {
-            const double Gv = dot(state->G + i * n, state->v, n);
+            const double Gv = bounded(state, state->v, i);
             over[i] = (Gv - upper[i]) / (CARRIED * larger(1.0, fabs(Gv)));
             relaxed[i] = upper[i];
             if (i < n || state->norms[i] == 0.0) continue;
@@ -282,7 +289,8 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
             route = KEPT;
             break;
         }
-        const int used = solve_level(&problem, max_rounds, none, y, lam, arena);
+        memset(set, 0, sizeof(double) * (size_t)problem.k);
+        const int used = solve_level(&problem, max_rounds, set, y, lam, arena);
         const double square = problem.weight * problem.weight;
         move(state, y);
         *rounds += used > 0 ? used : -used;
@@ -293,7 +301,7 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
         arena->used = inner;
     }
     for (int i = n; i < N; ++i)
-        upper[i] = larger(upper[i], dot(state->G + i * n, state->v, n));
+        upper[i] = larger(upper[i], bounded(state, state->v, i));
     arena->used = mark;
     return route;
 }
@@ -308,7 +316,7 @@ static void keep(State *state, const double *M, int m, double weight, const int 
     double *B = take(arena, (m + count) * free);
     memcpy(B, M, sizeof(double) * (size_t)(m * free));
     for (int i = 0; i < count; ++i)
-        along(state, state->G + bounds[i] * n, 1, 1.0, B + (m + i) * free);
+        bound_along(state, bounds[i], B + (m + i) * free);
     narrow(state, B, m + count, resolution(weight), arena);
     arena->used = mark;
 }
@@ -330,9 +338,9 @@ void keep_exactly(State *state, const Level *level, int held, Arena *arena)
 
 /* One level: move to its optimum, and keep A v from now on, exactly or as a damped level does.
  *
- * Where a bound is in the way, `ask` is set and the proposed active set is not right at once,
- * nothing is done and the answer is BLOCKED. */
-Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
+ * set (N): the active set to try first, and the one found. Where a bound is in the way, `ask` is
+ * set and the first one is not right at once, nothing is done and the answer is BLOCKED. */
+Route descend(State *state, const Level *level, int max_rounds, double *set, int ask,
               double *speed, double *still, double *multipliers, int *rounds, Arena *arena)
 {
     const size_t mark = arena->used;
@@ -353,35 +361,33 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
     }
     const double *own = problem.M + held * free;
     const int strict = !(level->damping > 0.0) && !level->last, alone = held == 0;
-    const int rank = pseudo_solve(problem.M, problem.m, free, problem.c, problem.tol, y,
-                                  strict && alone ? &rows : NULL, NULL, arena);
-    if (rank >= 0 && feasible(&problem, y)) {
-        move(state, y);
-        if (level->damping > 0.0)
-            hold(state, level);
-        else if (strict && alone)
-            turn(state, &rows, arena);
-        else if (strict)
-            keep(state, own, m, problem.weight, NULL, 0, arena);
-        goto done;
-    }
     double *guess = take(arena, k), *lam = take(arena, k);
     int *strong = (int *)take(arena, k), count = 0;
     int guessed = 0;
     for (int i = 0; i < k; ++i) {
-        guess[i] = proposed[index[i]], lam[i] = 0.0;
+        guess[i] = set[index[i]];
         if (guess[i] != 0.0) guessed = 1;
     }
-    if (ask && !guessed) {
-        route = BLOCKED;
-        goto done;
-    }
-    *rounds = solve_level(&problem, ask ? 1 : max_rounds, guess, y, lam, arena);
-    if (ask && *rounds != 1) {
-        *rounds = 0, route = BLOCKED;
-        goto done;
-    }
-    if (*rounds < 0) { /* a guess so bad that it cost digits: start without */
+    if (guessed) *rounds = solve_level(&problem, ask ? 1 : max_rounds, guess, y, lam, arena);
+    if (*rounds <= 0) { /* no guess, or one so bad that it cost digits */
+        const int rank = pseudo_solve(problem.M, problem.m, free, problem.c, problem.tol, y,
+                                      strict && alone ? &rows : NULL, NULL, arena);
+        *rounds = 0;
+        if (rank >= 0 && feasible(&problem, y)) {
+            memset(set, 0, sizeof(double) * (size_t)state->N);
+            move(state, y);
+            if (level->damping > 0.0)
+                hold(state, level);
+            else if (strict && alone)
+                turn(state, &rows, arena);
+            else if (strict)
+                keep(state, own, m, problem.weight, NULL, 0, arena);
+            goto done;
+        }
+        if (ask) {
+            route = BLOCKED;
+            goto done;
+        }
         memset(guess, 0, sizeof(double) * (size_t)k);
         *rounds = solve_level(&problem, max_rounds, guess, y, lam, arena);
     }
@@ -391,7 +397,9 @@ Route descend(State *state, const Level *level, int max_rounds, const double *pr
         if (!feasible(&problem, y)) goto done;
     }
     move(state, y);
+    memset(set, 0, sizeof(double) * (size_t)state->N);
     for (int i = 0; i < k; ++i) {
+        set[index[i]] = guess[i];
         multipliers[index[i]] = lam[i] * problem.weight * problem.weight;
         if (fabs(lam[i]) > STRONG * problem.scale) strong[count++] = index[i];
     }
@@ -447,7 +455,7 @@ double kkt_residual(const State *state, const Level *level, const double *v, con
     for (int i = 0; i < state->N; ++i) {
         const double lam = multipliers[i];
         if (lam == 0.0) continue;
-        const double Gv = dot(state->G + i * n, v, n);
+        const double Gv = bounded(state, v, i);
         for (int p = 0; p < n; ++p) gradient[p] += state->G[i * n + p] * lam;
         const double slack = lam > 0.0 ? state->upper[i] - Gv : Gv - state->lower[i];
         worst = larger(worst, fabs(lam * slack) / small);

@@ -105,6 +105,12 @@ typedef struct {
     const double *offset; /* (n) v_k - v0 of the level at hand; NULL without bounds */
 } State;
 
+/* Row i of G times v (n). */
+static inline double bounded(const State *state, const double *v, int i)
+{
+    return i < state->n ? v[i] : dot(state->G + i * state->n, v, state->n);
+}
+
 double norm_of(const double *x, int count);
 
 void make_problem(const State *state, const Level *level, Problem *problem, double *L,
@@ -115,7 +121,7 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
 
 void keep_exactly(State *state, const Level *level, int held, Arena *arena);
 
-Route descend(State *state, const Level *level, int max_rounds, const double *proposed, int ask,
+Route descend(State *state, const Level *level, int max_rounds, double *set, int ask,
               double *speed, double *still, double *multipliers, int *rounds, Arena *arena);
 
 double kkt_residual(const State *state, const Level *level, const double *v, const double *L,

@@ -19,9 +19,6 @@
 /* Closed forms may exceed a bound by this, relative to its size, before v is clipped into it. */
 #define CLIPPED 1e-12
 
-/* Steps of a damped level inside bounds, see cascade.h. */
-#define PROXIMAL 3
-
 /* A damped level starts from half of the closed form's v where that is so far out of the box
  * [rad/s]. */
 #define FAR_OUT 0.01
@@ -155,7 +152,7 @@ static double excess_of(const Descent *descent, const double *upper)
     const State *state = &descent->state;
     double total = 0.0;
     for (int i = state->n; i < state->N; ++i) {
-        const double Gv = dot(state->G + i * state->n, state->v, state->n);
+        const double Gv = bounded(state, state->v, i);
         const double over = state->norms[i] * larger(Gv - upper[i], 0.0) * descent->unit;
         total += over * over;
     }
@@ -257,7 +254,7 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
         return 0;
     }
     for (int i = 0; i < N; ++i) {
-        const double Gv = dot(open.G + i * n, open.v, n), room = CLIPPED * larger(1.0, fabs(Gv));
+        const double Gv = bounded(&open, open.v, i), room = CLIPPED * larger(1.0, fabs(Gv));
         if (!(Gv <= open.upper[i] + room && Gv >= open.lower[i] - room)) fits = 0;
     }
     for (int i = 0; i < n; ++i)
@@ -299,20 +296,13 @@ typedef struct {
     Proposer propose;
     void *backend;
     double *before;   /* (n) v as the level began */
-    double *proposed; /* (N) active set to try */
+    double *sets;     /* (SETS, N) active sets of the level, see hierarchy.h */
     int failed;       /* a backend raised */
 } Work;
 
 static double *multipliers_of(const Work *work, int k)
 {
     return work->solution->multipliers + k * work->descent->state.N;
-}
-
-/* The signs of the multipliers (N). */
-static void active_set(const double *multipliers, int N, double *signs)
-{
-    for (int i = 0; i < N; ++i)
-        signs[i] = (double)((multipliers[i] > 0.0) - (multipliers[i] < 0.0));
 }
 
 /* The hard rows. */
@@ -334,24 +324,25 @@ static Route serve_rows(Work *work, const double *asked, int *rounds, Arena *are
                         multipliers, rounds, arena);
 }
 
-/* One step of level k; a backend is asked where the proposed active set is not right at once. */
-static Route serve_once(Work *work, const Level *level, int k, int ask, int *rounds, Arena *arena)
+/* One step of level k; a backend is asked where the active set (N) is not right at once. */
+static Route serve_once(Work *work, const Level *level, int k, int ask, double *set, int *rounds,
+                        Arena *arena)
 {
     Descent *descent = work->descent;
     const int n = descent->state.n, most = work->hierarchy->max_rounds;
     double *speed = descent->speeds + k * n * n, *still = descent->stills + k * n;
     double *multipliers = multipliers_of(work, k);
-    Route route = descend(&descent->state, level, most, work->proposed, ask, speed, still,
-                          multipliers, rounds, arena);
+    Route route = descend(&descent->state, level, most, set, ask, speed, still, multipliers, rounds,
+                          arena);
     if (route != BLOCKED) return route;
     const size_t mark = arena->used;
     int *index = (int *)take(arena, descent->state.N);
     Problem problem;
     make_problem(&descent->state, level, &problem, speed, still, index, arena);
-    work->failed = work->propose(work->backend, k, &problem, index, work->proposed) < 0;
+    work->failed = work->propose(work->backend, k, &problem, index, set) < 0;
     arena->used = mark;
     return work->failed ? KEPT
-                        : descend(&descent->state, level, most, work->proposed, 0, speed, still,
+                        : descend(&descent->state, level, most, set, 0, speed, still,
                                   multipliers, rounds, arena);
 }
 
@@ -365,13 +356,14 @@ static Route serve_strict(Work *work, int k, int *rounds, Arena *arena)
     for (int i = 0; i < n; ++i) at[i] = state->v[i] + descent->offsets[(k - 1) * n + i];
     give_way(work->hierarchy, descent, at, k);
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
-    const Route route = serve_once(work, &level, k, work->propose != NULL, rounds, arena);
+    const Route route =
+        serve_once(work, &level, k, work->propose != NULL, work->sets, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit;
     if (route == KEPT || !unreached(work->hierarchy, &level, k, left)) return route;
     level.damping = descent->damping[k] = unreached_damping(left);
     go_back(descent, work->before, k);
     memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
-    const Route damped = serve_once(work, &level, k, 0, rounds, arena);
+    const Route damped = serve_once(work, &level, k, 0, work->sets + N, rounds, arena);
     keep_exactly(state, &level, descent->helds[k], arena);
     return damped;
 }
@@ -388,12 +380,13 @@ static double inside(const Descent *descent)
     return 1.0 / (1.0 + sqrt(total) * descent->unit / FAR_OUT);
 }
 
-/* The steps of a damped level from the closed form's v, see cascade.h. */
-static Route approach_open(Work *work, Level *level, int k, int *rounds, Arena *arena)
+/* The steps of a damped level from the closed form's v, see cascade.h, with its active sets from
+ * `first` on. */
+static Route approach_open(Work *work, Level *level, int k, int first, int *rounds, Arena *arena)
 {
     Descent *descent = work->descent;
     State *state = &descent->state;
-    const int n = state->n, N = state->N;
+    const int n = state->n;
     double *from = take(arena, n), *multipliers = multipliers_of(work, k);
     const double share = inside(descent);
     Route route = CLOSED_FORM;
@@ -403,11 +396,11 @@ static Route approach_open(Work *work, Level *level, int k, int *rounds, Arena *
         int used = 0;
         if (step > 0) {
             memcpy(from, state->v, sizeof(double) * (size_t)n);
-            active_set(multipliers, N, work->proposed);
-            memset(multipliers, 0, sizeof(double) * (size_t)N);
+            memset(multipliers, 0, sizeof(double) * (size_t)state->N);
             state->held = descent->helds[k];
         }
-        route = serve_once(work, level, k, step == 0 && work->propose != NULL, &used, arena);
+        route = serve_once(work, level, k, step == 0 && work->propose != NULL,
+                           work->sets + (first + step) * state->N, &used, arena);
         *rounds += used;
         if (step + 1 < PROXIMAL && route >= UNVERIFIED) descent->doubts[k] = 1;
     }
@@ -424,13 +417,13 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
 {
     Descent *descent = work->descent;
     State *state = &descent->state;
-    const int n = state->n, N = state->N;
+    const int n = state->n;
     double *aim = descent->aim + first_row(work->hierarchy, k);
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
     if (!(norm_of(aim, level.m) < LARGEST)) return KEPT;
     for (int i = 0; i < level.m; ++i) aim[i] = dot(level.A + i * n, descent->open, n);
     state->offset = descent->offsets + k * n;
-    const Route route = approach_open(work, &level, k, rounds, arena);
+    const Route route = approach_open(work, &level, k, 0, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit / level.damping;
     if (!work->hierarchy->sluggish || work->failed || route == KEPT || !(left > KEPT_FROM))
         return route;
@@ -440,21 +433,20 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
     for (int i = 0; i < level.m; ++i) aim[i] /= 1.0 + held_back(above) * more / (1.0 + more);
     go_back(descent, work->before, k);
     descent->doubts[k] = 0; /* of the steps that are taken back */
-    active_set(multipliers_of(work, k), N, work->proposed);
-    memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
-    return approach_open(work, &level, k, rounds, arena);
+    memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)state->N);
+    return approach_open(work, &level, k, PROXIMAL, rounds, arena);
 }
 
 /* Level after level; 0 is the hard rows, which come after `after` others. Returns 0, or -1 where
  * a backend raised. */
-static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, double *guess,
+static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, double *sets,
                       Solution *solution, Proposer propose, void *backend, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = hierarchy->n, N = descent->state.N;
     State *state = &descent->state;
     double *asked = take(arena, N);
-    Work work = {hierarchy, descent, solution, propose, backend, take(arena, n), take(arena, N), 0};
+    Work work = {hierarchy, descent, solution, propose, backend, take(arena, n), NULL, 0};
     memcpy(asked, state->upper, sizeof(double) * (size_t)N);
     for (int step = 0; step <= hierarchy->levels && !work.failed; ++step) {
         const int k = step < after ? step + 1 : (step == after ? 0 : step);
@@ -466,7 +458,7 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
             state->upper[i] = step < after ? INFINITY : asked[i];
         begin_level(descent, state, k);
         memcpy(work.before, state->v, sizeof(double) * (size_t)n);
-        memcpy(work.proposed, guess + k * N, sizeof(double) * (size_t)N);
+        work.sets = sets + k * SETS * N;
         if (k == 0) route = serve_rows(&work, asked, &rounds, arena);
         else if (descent->damping[k] > 0.0) route = serve_damped(&work, k, &rounds, arena);
         else route = serve_strict(&work, k, &rounds, arena);
@@ -477,7 +469,6 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
         }
         end_level(descent, state, k);
         info[ROUTE] = (double)route, info[ROUNDS] = (double)rounds;
-        active_set(multipliers_of(&work, k), N, guess + k * N);
     }
     arena->used = mark;
     return work.failed ? -1 : 0;
@@ -517,7 +508,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
         if (hierarchy->lower[i] <= hierarchy->upper[i])
             v[i] = smaller(larger(v[i], hierarchy->lower[i]), hierarchy->upper[i]);
     for (int i = 0; i < N; ++i) {
-        const double Gv = dot(state->G + i * n, v, n), room = TOUCHING_TOL * larger(1.0, fabs(Gv));
+        const double Gv = bounded(state, v, i), room = TOUCHING_TOL * larger(1.0, fabs(Gv));
         const double by = state->norms[i] > 0.0 ? state->norms[i] : 1.0;
         const double asked = i < n ? state->upper[i] : hierarchy->d[i - n] / by;
         size = larger(size, fabs(Gv));
@@ -565,7 +556,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
 }
 
 /* The optimum with the hard rows after `after` levels. Returns 0, or -1 where a backend raised. */
-static int solve_once(const Hierarchy *hierarchy, int after, double *guess, Solution *solution,
+static int solve_once(const Hierarchy *hierarchy, int after, double *sets, Solution *solution,
                       Proposer propose, void *backend, Arena *arena)
 {
     const size_t mark = arena->used;
@@ -580,7 +571,7 @@ static int solve_once(const Hierarchy *hierarchy, int after, double *guess, Solu
             end_level(&descent, &descent.state, k);
         }
     } else if (!closed_form(hierarchy, &descent, arena)) {
-        failed = one_by_one(hierarchy, after, &descent, guess, solution, propose, backend, arena);
+        failed = one_by_one(hierarchy, after, &descent, sets, solution, propose, backend, arena);
     }
     if (!failed) account(hierarchy, &descent, solution, arena);
     arena->used = mark;
@@ -605,17 +596,17 @@ static int rows_in_the_way(const Hierarchy *hierarchy, const Solution *solution)
     return 0;
 }
 
-/* The lexicographic optimum and the account of it. guess (levels + 1, N): the active set to try
- * first, and the one found. Returns 0, or -1 where the backend raised. */
-int solve_hierarchy(const Hierarchy *hierarchy, double *guess, Solution *solution,
+/* The lexicographic optimum and the account of it. sets (levels + 1, SETS, N): the active sets to
+ * try first, and those found. Returns 0, or -1 where the backend raised. */
+int solve_hierarchy(const Hierarchy *hierarchy, double *sets, Solution *solution,
                     Proposer propose, void *backend, Arena *arena)
 {
     const int guarded = hierarchy->guarded;
-    if (solve_once(hierarchy, 0, guess, solution, propose, backend, arena)) return -1;
+    if (solve_once(hierarchy, 0, sets, solution, propose, backend, arena)) return -1;
     if (hierarchy->max_rounds == 0 || guarded_reached(hierarchy, solution) ||
         !rows_in_the_way(hierarchy, solution))
         return 0;
-    if (solve_once(hierarchy, guarded, guess, solution, propose, backend, arena)) return -1;
+    if (solve_once(hierarchy, guarded, sets, solution, propose, backend, arena)) return -1;
     if (guarded_reached(hierarchy, solution)) return 0;
-    return solve_once(hierarchy, 0, guess, solution, propose, backend, arena);
+    return solve_once(hierarchy, 0, sets, solution, propose, backend, arena);
 }

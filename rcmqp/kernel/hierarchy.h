@@ -13,6 +13,13 @@
 
 #include <stdint.h>
 
+/* Steps of a damped level inside bounds, see cascade.h. */
+enum { PROXIMAL = 3 };
+
+/* Active sets that are remembered for each level: that of each step, made once and once more; a
+ * strict level's is the first, and that of its damped answer the second. */
+enum { SETS = 2 * PROXIMAL };
+
 /* Columns of `info`. */
 enum { ROUTE, ROUNDS, KKT, REACHED, COLUMNS };
 
@@ -44,14 +51,14 @@ typedef struct {
     double *info;        /* (levels + 1, COLUMNS) */
 } Solution;
 
-/* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in guess
+/* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in set
  * (N). Returns 0, or -1 where a Python error is set. */
 typedef int (*Proposer)(void *backend, int level, const Problem *problem, const int *rows,
-                        double *guess);
+                        double *set);
 
 size_t memory_for(int n, int m, int rows, int levels);
 
-int solve_hierarchy(const Hierarchy *hierarchy, double *guess, Solution *solution,
+int solve_hierarchy(const Hierarchy *hierarchy, double *sets, Solution *solution,
                     Proposer propose, void *backend, Arena *arena);
 
 #endif

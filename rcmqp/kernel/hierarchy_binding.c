@@ -24,7 +24,7 @@ PyObject *copied(const double *numbers, int rows, int columns)
 }
 
 /* backend(level, M, c, R, lower, upper) -> 1, -1 or 0 for each row of R, as float64. */
-static int ask(void *backend, int level, const Problem *problem, const int *rows, double *guess)
+static int ask(void *backend, int level, const Problem *problem, const int *rows, double *set)
 {
     const int m = problem->m, r = problem->r, k = problem->k;
     PyObject *answer = PyObject_CallFunction(
@@ -33,7 +33,7 @@ static int ask(void *backend, int level, const Problem *problem, const int *rows
     if (answer == NULL) return -1;
     const double *sides = numbers_of(answer, NPY_DOUBLE, k, "the backend's active set");
     for (int i = 0; sides != NULL && i < k; ++i)
-        guess[rows[i]] = (double)((sides[i] > 0.0) - (sides[i] < 0.0));
+        set[rows[i]] = (double)((sides[i] > 0.0) - (sides[i] < 0.0));
     Py_DECREF(answer);
     return sides == NULL ? -1 : 0;
 }
@@ -97,8 +97,8 @@ static PyObject *space_for(const Hierarchy *hierarchy, double **box, Solution *s
 }
 
 /* v, all numbers and, with names, the summary of a solve, in an arena with memory_for() of it.
- * start: v where there is nothing to solve, or NULL; guess (levels + 1, N). */
-PyObject *answered(const Hierarchy *hierarchy, const double *start, double *guess,
+ * start: v where there is nothing to solve, or NULL; sets (levels + 1, SETS, N). */
+PyObject *answered(const Hierarchy *hierarchy, const double *start, double *sets,
                    PyObject *backend, PyObject *names, Arena *arena)
 {
     const int n = hierarchy->n, asks = backend != Py_None;
@@ -111,7 +111,7 @@ PyObject *answered(const Hierarchy *hierarchy, const double *start, double *gues
     memcpy(box + n, hierarchy->upper, sizeof(double) * (size_t)n);
     problem.lower = box, problem.upper = box + n;
     if (start != NULL) memcpy(solution.v, start, sizeof(double) * (size_t)n);
-    if (!solve_hierarchy(&problem, guess, &solution, asks ? ask : NULL, backend, arena)) {
+    if (!solve_hierarchy(&problem, sets, &solution, asks ? ask : NULL, backend, arena)) {
         PyObject *v = copied(solution.v, n, -1), *told = NULL;
         if (names != NULL) told = summary(hierarchy, &solution, names);
         PyArray_CLEARFLAGS((PyArrayObject *)numbers, NPY_ARRAY_WRITEABLE);
@@ -148,7 +148,7 @@ int check_levels(const Hierarchy *hierarchy, npy_intp rows)
 }
 
 /* solve(A, b, ends, damping, lower, upper, C, d, guarded, sluggish,
- * max_rounds, v, guess, backend) */
+ * max_rounds, v, sets, backend) */
 PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
@@ -172,7 +172,7 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
         count_of(args[10], MOST_ROUNDS, "max_rounds"),
     };
     if (PyErr_Occurred() || !check_levels(&hierarchy, rows)) return NULL;
-    double *guess = space_of(args[12], (npy_intp)(hierarchy.levels + 1) * (n + m), "guess");
+    double *sets = space_of(args[12], (npy_intp)(hierarchy.levels + 1) * SETS * (n + m), "sets");
     const double *start = args[11] == Py_None ? NULL : numbers_of(args[11], NPY_DOUBLE, n, "v");
     if (PyErr_Occurred()) return NULL;
     const size_t size = memory_for((int)n, (int)m, (int)rows, hierarchy.levels);
@@ -182,7 +182,7 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count)
     else if ((own.memory = PyMem_RawMalloc(sizeof(double) * size)) == NULL)
         return PyErr_NoMemory();
     PyObject *answer =
-        arena == NULL ? NULL : answered(&hierarchy, start, guess, args[13], NULL, arena);
+        arena == NULL ? NULL : answered(&hierarchy, start, sets, args[13], NULL, arena);
     PyMem_RawFree(own.memory);
     return answer;
 }

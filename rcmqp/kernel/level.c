@@ -15,7 +15,7 @@
 /* A shorter step is no progress [unit of v]. */
 #define STALL 1e-15
 
-/* A shorter step to the optimum on the working set is rounding: y is there. */
+/* No bound is met on a shorter step to the optimum on the working set: it is rounding. */
 #define ARRIVED 1e-12
 
 /* Of the rows that a step meets within this, the one met fastest counts (Harris's ratio test). */
@@ -151,10 +151,11 @@ static double cone_step(const Problem *problem, const double *y, const double *g
 }
 
 /* The optimum y (r), feasible, and the multipliers (k) of M^T (M y - c) + R^T multipliers = 0,
- * positive at upper bounds; proposed (k) is a guess at the working set.
+ * positive at upper bounds; set (k) is a guess at the working set, and then the last one: 1 at
+ * upper, -1 at lower bounds, 0.
  *
  * Returns the rounds it took, 1 if the guess was right at once; negative where they ran out. */
-int solve_level(const Problem *problem, int max_rounds, const double *proposed, double *y,
+int solve_level(const Problem *problem, int max_rounds, double *set, double *y,
                 double *multipliers, Arena *arena)
 {
     const size_t mark = arena->used;
@@ -169,7 +170,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
     memset(held, 0, sizeof(double) * (size_t)k);
     memset(y, 0, sizeof(double) * (size_t)r);
     memset(multipliers, 0, sizeof(double) * (size_t)k); /* rounds may run out first */
-    start_with(problem, proposed, &working, arena);
+    start_with(problem, set, &working, arena);
     const size_t inner = arena->used;
     for (int turn = 0; turn < max_rounds; ++turn) {
         /* the step to the optimum on the working set */
@@ -211,14 +212,15 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
                 continue;
             }
         }
+        const double size = sqrt(dot(step, step, r));
         double share = 1.0;
-        if (sqrt(dot(step, step, r)) > ARRIVED) {
+        row = -1;
+        if (size > 0.0) {
             share = longest(problem, y, step, held, &row, &side);
             advance(y, share, step, r);
-        } else {
-            row = -1;
         }
-        stalls = share * sqrt(dot(step, step, r)) > STALL ? 0 : stalls + 1;
+        if (!(size > ARRIVED)) row = -1;
+        stalls = share * size > STALL ? 0 : stalls + 1;
         if (row >= 0 && count < r) {
             working.rows[working.count++] = row;
             held[row] = side;
@@ -268,6 +270,7 @@ int solve_level(const Problem *problem, int max_rounds, const double *proposed, 
         }
         advance(y, longest(problem, y, step, near, &row, &side), step, r);
     }
+    memcpy(set, held, sizeof(double) * (size_t)k);
     arena->used = mark;
     return status > 0 && !feasible(problem, y) ? -status : status;
 }

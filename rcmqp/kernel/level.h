@@ -31,7 +31,7 @@ typedef struct {
 
 int feasible(const Problem *problem, const double *y);
 
-int solve_level(const Problem *problem, int max_rounds, const double *proposed, double *y,
+int solve_level(const Problem *problem, int max_rounds, double *set, double *y,
                 double *multipliers, Arena *arena);
 
 #endif

@@ -2,6 +2,7 @@
 
 #include "arrays.h"
 #include "drawn.h"
+#include "hierarchy.h"
 
 int add_block_type(PyObject *module);
 int add_stack_type(PyObject *module);
@@ -87,13 +88,13 @@ PyMODINIT_FUNC PyInit__kernel(void)
     static const struct {
         const char *name;
         long value;
-    } kinds[] = {
-        {"HELIX", HELIX}, {"CIRCLE", CIRCLE}, {"LISSAJOUS", LISSAJOUS},
+    } constants[] = {
+        {"HELIX", HELIX}, {"CIRCLE", CIRCLE}, {"LISSAJOUS", LISSAJOUS}, {"SETS", SETS},
     };
     import_array();
     PyObject *made = PyModule_Create(&module);
-    for (size_t i = 0; made != NULL && i < sizeof kinds / sizeof *kinds; ++i)
-        if (PyModule_AddIntConstant(made, kinds[i].name, kinds[i].value) < 0) Py_CLEAR(made);
+    for (size_t i = 0; made != NULL && i < sizeof constants / sizeof *constants; ++i)
+        if (PyModule_AddIntConstant(made, constants[i].name, constants[i].value) < 0) Py_CLEAR(made);
     if (made != NULL && (add_block_type(made) < 0 || add_stack_type(made) < 0)) Py_CLEAR(made);
     return made;
 }

@@ -13,7 +13,7 @@ typedef struct {
     Stack stack;
     PyObject *blocks, *names, *ends; /* kept alive; names of the numbers in a summary */
     double *numbers;  /* damping, acceleration, jerk */
-    double *guess;    /* (levels + 1, bounds) active set found last */
+    double *sets;     /* (levels + 1, SETS, bounds) active sets found last */
     double *memory;
     size_t capacity;
     int guarded, max_rounds, bounds, busy;
@@ -153,7 +153,7 @@ static void stack_dealloc(StackObject *self)
     PyMem_Free(self->stack.tasks);
     PyMem_Free(self->stack.limits);
     PyMem_Free(self->numbers);
-    PyMem_Free(self->guess);
+    PyMem_Free(self->sets);
     PyMem_RawFree(self->memory);
     Py_XDECREF(self->blocks);
     Py_XDECREF(self->names);
@@ -182,7 +182,7 @@ static int end_levels(StackObject *self)
     return 0;
 }
 
-/* Memory for a cycle, and a guess of the right size; -1 with an error. */
+/* Memory for a cycle, and active sets of the right size; -1 with an error. */
 static int make_room(StackObject *self, const Hierarchy *hierarchy, npy_intp rows)
 {
     const int n = hierarchy->n, m = hierarchy->m, levels = hierarchy->levels;
@@ -193,10 +193,10 @@ static int make_room(StackObject *self, const Hierarchy *hierarchy, npy_intp row
         self->memory = memory, self->capacity = size;
     }
     if (self->bounds == n + m) return 0;
-    double *guess = PyMem_Calloc((size_t)(levels + 1) * (size_t)(n + m), sizeof(double));
-    if (guess == NULL) return PyErr_NoMemory(), -1;
-    PyMem_Free(self->guess);
-    self->guess = guess, self->bounds = n + m;
+    double *sets = PyMem_Calloc((size_t)(levels + 1) * SETS * (size_t)(n + m), sizeof(double));
+    if (sets == NULL) return PyErr_NoMemory(), -1;
+    PyMem_Free(self->sets);
+    self->sets = sets, self->bounds = n + m;
     return 0;
 }
 
@@ -258,7 +258,7 @@ static PyObject *stack_step(StackObject *self, PyObject *const *args, Py_ssize_t
     Arena arena;
     const int read = read_problem(self, args, &hierarchy, &arena);
     if (read > 0)
-        answer = answered(&hierarchy, NULL, self->guess, args[CYCLE_ARGUMENTS + 1], self->names,
+        answer = answered(&hierarchy, NULL, self->sets, args[CYCLE_ARGUMENTS + 1], self->names,
                           &arena);
     if (answer != NULL)
         whole = Py_BuildValue("(OOOOi)", PyTuple_GET_ITEM(answer, 0), PyTuple_GET_ITEM(answer, 1),
@@ -286,7 +286,7 @@ static PyObject *stack_problem(StackObject *self, PyObject *const *args, Py_ssiz
     return read == 0 ? Py_NewRef(Py_None) : problem;
 }
 
-/* reset(): forget the active set found last. */
+/* reset(): forget the active sets found last. */
 static PyObject *stack_reset(StackObject *self, PyObject *Py_UNUSED(none))
 {
     if (!enter(self)) return NULL;

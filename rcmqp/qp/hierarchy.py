@@ -96,7 +96,7 @@ class Hierarchy:
             raise OptionError(f"max_rounds is {max_rounds}, it must be from 1 to 10000")
         self._options = _DEFAULTS.get(backend, {}) | options
         self._solvers: list[QPSolver] = []
-        self._guesses: dict[tuple[int, int], Array] = {}
+        self._sets: dict[tuple[int, int], Array] = {}
         self._verdicts: dict[int, Status] = {}
         if backend == "active_set":
             if options:
@@ -110,7 +110,7 @@ class Hierarchy:
 
     def reset(self) -> None:
         """Forget warm starts: the next answers are those of a new object, bit by bit."""
-        self._guesses.clear()
+        self._sets.clear()
         for solver in self._solvers:
             solver.reset()
 
@@ -151,18 +151,19 @@ class Hierarchy:
         damping = np.array([*(level.damping for level in levels), 0.0])
         box = bounds.lower, bounds.upper, bounds.C, bounds.d
         problem = (A, b, ends, damping, *box, operator.index(guarded), int(sluggish))
-        guess = self.guess((len(ends) + 1, n + bounds.d.size))
-        v, numbers = _kernel.solve(*problem, self.max_rounds, None, guess, self.asks)
+        sets = self.active_sets(len(ends), n + bounds.d.size)
+        v, numbers = _kernel.solve(*problem, self.max_rounds, None, sets, self.asks)
         answer = Answer(numbers, ends, n, bounds.d.size)
         names = [level.name for level in levels]
         return HierarchySolution(v, bounds.names, answer, names, self.verdicts())
 
-    def guess(self, shape: tuple[int, int]) -> Array:
-        """The last active set (levels + 1, n + m); zero if none was needed yet."""
-        guess = self._guesses.get(shape)
-        if guess is None:
-            guess = self._guesses[shape] = np.zeros(shape)
-        return guess
+    def active_sets(self, levels: int, bounds: int) -> Array:
+        """The last active sets (levels + 1, SETS, bounds); zero where none was needed yet."""
+        sets = self._sets.get((levels, bounds))
+        if sets is None:
+            sets = np.zeros((levels + 1, _kernel.SETS, bounds))
+            self._sets[levels, bounds] = sets
+        return sets
 
     @property
     def asks(self) -> Callable[..., Array] | None:
