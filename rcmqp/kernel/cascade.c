@@ -336,77 +336,94 @@ void keep_exactly(State *state, const Level *level, int held, Arena *arena)
     arena->used = mark;
 }
 
+/* Speed counts from where a step has led, y (free), in the problem of the next one. */
+static void count_from(Problem *problem, const double *y, double *still)
+{
+    const int free = problem->r, first = problem->m - free;
+    for (int i = 0; i < free; ++i) {
+        const double *row = problem->M + (first + i) * free, part = dot(row, y, free);
+        double noise = 0.0;
+        for (int p = 0; p < free; ++p) noise += fabs(row[p] * y[p]);
+        still[i] += problem->weight * (part - problem->c[first + i]);
+        problem->c[first + i] = part, problem->noise[first + i] = EPS * noise;
+    }
+}
+
+/* The optimum y (free) of a level's problem, its multipliers lam (k), and its active set (N), which
+ * is tried first; then no bound at all, then what a backend proposes, if one is asked. `rows`, if
+ * given, gets the row space of M where no bound is active. */
+static Route answer(const Problem *problem, const int *index, const Ways *ways, int asks, double *set,
+                    double *y, double *lam, Rows *rows, int *rounds, Arena *arena)
+{
+    const int k = problem->k, most = ways->max_rounds;
+    double *guess = take(arena, k);
+    int guessed = 0, used = 0;
+    for (int i = 0; i < k; ++i) {
+        guess[i] = set[index[i]];
+        if (guess[i] != 0.0) guessed = 1;
+    }
+    if (guessed) used = solve_level(problem, asks ? 1 : most, guess, y, lam, arena);
+    if (used <= 0) { /* no guess, or one so bad that it cost digits */
+        const int rank = pseudo_solve(problem->M, problem->m, problem->r, problem->c, problem->tol, y,
+                                      rows, NULL, arena);
+        for (int i = 0; i < k; ++i) guess[i] = lam[i] = set[index[i]] = 0.0;
+        if (rank >= 0 && feasible(problem, y)) return CLOSED_FORM;
+        if (asks && ways->propose(ways->backend, ways->level, problem, index, set) < 0)
+            return FAILED;
+        for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
+        used = solve_level(problem, most, guess, y, lam, arena);
+        if (used < 0 && asks) {
+            memset(guess, 0, sizeof(double) * (size_t)k);
+            used = solve_level(problem, most, guess, y, lam, arena);
+        }
+    }
+    for (int i = 0; i < k; ++i) set[index[i]] = guess[i];
+    *rounds += used > 0 ? used : -used;
+    return used == 1 ? POLISHED : used > 0 ? ACTIVE_SET : UNVERIFIED;
+}
+
 /* One level: move to its optimum, and keep A v from now on, exactly or as a damped level does.
  *
- * set (N): the active set to try first, and the one found. Where a bound is in the way, `ask` is
- * set and the first one is not right at once, nothing is done and the answer is BLOCKED. */
-Route descend(State *state, const Level *level, int max_rounds, double *set, int ask,
-              double *speed, double *still, double *multipliers, int *rounds, Arena *arena)
+ * A damped level is made in `steps`, each from where the one before has led. sets (steps, N): the
+ * active set of each to try first, and the one found; a backend is asked in the first step where
+ * that is not right at once. *doubt is set where a step before the last is not proved. */
+Route descend(State *state, const Level *level, const Ways *ways, int steps, double *sets,
+              double *speed, double *still, double *multipliers, int *rounds, int *doubt,
+              Arena *arena)
 {
     const size_t mark = arena->used;
-    const int free = state->free, m = level->m, held = state->held;
-    double *y = take(arena, free);
-    int *index = (int *)take(arena, state->N);
+    const int free = state->free, N = state->N, m = level->m, held = state->held;
+    double *y = take(arena, free), *lam = take(arena, N);
+    int *index = (int *)take(arena, N), *strong = (int *)take(arena, N), count = 0;
     Route route = CLOSED_FORM;
     Problem problem;
     Rows rows;
-    *rounds = 0;
-    if (free == 0 || m == 0) return CLOSED_FORM;
+    if (free == 0 || m == 0) goto done;
     make_problem(state, level, &problem, speed, still, index, arena);
-    const int k = problem.k;
     if (problem.weight == 0.0) goto done;
     if (overflows(&problem)) {
         route = KEPT;
         goto done;
     }
-    const double *own = problem.M + held * free;
     const int strict = !(level->damping > 0.0) && !level->last, alone = held == 0;
-    double *guess = take(arena, k), *lam = take(arena, k);
-    int *strong = (int *)take(arena, k), count = 0;
-    int guessed = 0;
-    for (int i = 0; i < k; ++i) {
-        guess[i] = set[index[i]];
-        if (guess[i] != 0.0) guessed = 1;
-    }
-    if (guessed) *rounds = solve_level(&problem, ask ? 1 : max_rounds, guess, y, lam, arena);
-    if (*rounds <= 0) { /* no guess, or one so bad that it cost digits */
-        const int rank = pseudo_solve(problem.M, problem.m, free, problem.c, problem.tol, y,
-                                      strict && alone ? &rows : NULL, NULL, arena);
-        *rounds = 0;
-        if (rank >= 0 && feasible(&problem, y)) {
-            memset(set, 0, sizeof(double) * (size_t)state->N);
-            move(state, y);
-            if (level->damping > 0.0)
-                hold(state, level);
-            else if (strict && alone)
-                turn(state, &rows, arena);
-            else if (strict)
-                keep(state, own, m, problem.weight, NULL, 0, arena);
-            goto done;
-        }
-        if (ask) {
-            route = BLOCKED;
-            goto done;
-        }
-        memset(guess, 0, sizeof(double) * (size_t)k);
-        *rounds = solve_level(&problem, max_rounds, guess, y, lam, arena);
-    }
-    route = *rounds == 1 ? POLISHED : ACTIVE_SET;
-    if (*rounds < 0) {
-        route = UNVERIFIED, *rounds = -*rounds;
-        if (!feasible(&problem, y)) goto done;
+    for (int step = 0; step < steps; ++step) {
+        if (step > 0) count_from(&problem, y, still);
+        route = answer(&problem, index, ways, step == 0 && ways->propose != NULL, sets + step * N, y,
+                       lam, strict && alone ? &rows : NULL, rounds, arena);
+        if (route == FAILED || (route == UNVERIFIED && !feasible(&problem, y))) goto done;
+        if (route == UNVERIFIED && step + 1 < steps) *doubt = 1;
     }
     move(state, y);
-    memset(set, 0, sizeof(double) * (size_t)state->N);
-    for (int i = 0; i < k; ++i) {
-        set[index[i]] = guess[i];
+    for (int i = 0; i < problem.k; ++i) {
         multipliers[index[i]] = lam[i] * problem.weight * problem.weight;
         if (fabs(lam[i]) > STRONG * problem.scale) strong[count++] = index[i];
     }
     if (level->damping > 0.0)
         hold(state, level);
+    else if (strict && alone && route == CLOSED_FORM)
+        turn(state, &rows, arena);
     else if (strict)
-        keep(state, own, m, problem.weight, strong, count, arena);
+        keep(state, problem.M + held * free, m, problem.weight, strong, count, arena);
 done:
     arena->used = mark;
     return route;

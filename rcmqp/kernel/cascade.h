@@ -70,8 +70,9 @@
 /* Larger numbers overflow when squared: the level is left alone. */
 #define LARGEST 1e150
 
-/* How a level was answered; Route in qp/levels.py, in this order. */
-typedef enum { CLOSED_FORM, POLISHED, ACTIVE_SET, UNVERIFIED, KEPT, BLOCKED } Route;
+/* How a level was answered; Route in qp/levels.py, in this order. FAILED, where a backend has raised,
+ * ends it all. */
+typedef enum { CLOSED_FORM, POLISHED, ACTIVE_SET, UNVERIFIED, KEPT, FAILED } Route;
 
 /* A level below moves a damped one by as much as this, times the damping, for each unit of its own
  * residual that it saves. */
@@ -105,6 +106,19 @@ typedef struct {
     const double *offset; /* (n) v_k - v0 of the level at hand; NULL without bounds */
 } State;
 
+/* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in set
+ * (N). Returns 0, or -1 where a Python error is set. */
+typedef int (*Proposer)(void *backend, int level, const Problem *problem, const int *rows,
+                        double *set);
+
+/* How a level's active set is found. */
+typedef struct {
+    int max_rounds;
+    Proposer propose; /* NULL where no backend is asked */
+    void *backend;
+    int level; /* for the backend */
+} Ways;
+
 /* Row i of G times v (n). */
 static inline double bounded(const State *state, const double *v, int i)
 {
@@ -121,8 +135,9 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
 
 void keep_exactly(State *state, const Level *level, int held, Arena *arena);
 
-Route descend(State *state, const Level *level, int max_rounds, double *set, int ask,
-              double *speed, double *still, double *multipliers, int *rounds, Arena *arena);
+Route descend(State *state, const Level *level, const Ways *ways, int steps, double *sets,
+              double *speed, double *still, double *multipliers, int *rounds, int *doubt,
+              Arena *arena);
 
 double kkt_residual(const State *state, const Level *level, const double *v, const double *L,
                     const double *still, const double *multipliers, const double *Z, int free,

@@ -215,7 +215,8 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
     const int n = hierarchy->n, N = descent->state.N, square = n * n;
     double *start = take(arena, n), *before = take(arena, n), *none = take(arena, N);
     State open = descent->state;
-    int fits = 1, rounds;
+    const Ways ways = {1, NULL, NULL, 0};
+    int fits = 1, rounds = 0, doubt = 0;
     memcpy(start, open.v, sizeof(double) * (size_t)n);
     open.N = 0, open.free = n, open.Z = take(arena, square); /* no bounds */
     memset(open.Z, 0, sizeof(double) * (size_t)square);
@@ -227,7 +228,8 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
             memcpy(before, open.v, sizeof(double) * (size_t)n);
             give_way(hierarchy, descent, open.v, k);
             Level level = level_of(hierarchy, descent, descent->aim, k);
-            Route route = descend(&open, &level, 1, none, 1, speed, still, none, &rounds, arena);
+            Route route = descend(&open, &level, &ways, 1, none, speed, still, none, &rounds,
+                                  &doubt, arena);
             const double left =
                 k > hierarchy->guarded ? 0.0 : missing(&level, open.v, n) * descent->unit;
             if (route == CLOSED_FORM && unreached(hierarchy, &level, k, left)) {
@@ -235,7 +237,8 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
                 open.free = descent->frees[k];
                 memcpy(open.v, before, sizeof(double) * (size_t)n);
                 memcpy(open.Z, descent->Zs + k * square, sizeof(double) * (size_t)square);
-                route = descend(&open, &level, 1, none, 1, speed, still, none, &rounds, arena);
+                route = descend(&open, &level, &ways, 1, none, speed, still, none, &rounds, &doubt,
+                                arena);
                 keep_exactly(&open, &level, descent->helds[k], arena);
             }
             fits = route == CLOSED_FORM || route == KEPT;
@@ -297,7 +300,6 @@ typedef struct {
     void *backend;
     double *before;   /* (n) v as the level began */
     double *sets;     /* (SETS, N) active sets of the level, see hierarchy.h */
-    int failed;       /* a backend raised */
 } Work;
 
 static double *multipliers_of(const Work *work, int k)
@@ -324,26 +326,16 @@ static Route serve_rows(Work *work, const double *asked, int *rounds, Arena *are
                         multipliers, rounds, arena);
 }
 
-/* One step of level k; a backend is asked where the active set (N) is not right at once. */
-static Route serve_once(Work *work, const Level *level, int k, int ask, double *set, int *rounds,
-                        Arena *arena)
+/* Level k in `steps`, with its active sets from `first` on, see descend(). */
+static Route serve(Work *work, const Level *level, int k, int steps, int first, int *rounds,
+                   Arena *arena)
 {
     Descent *descent = work->descent;
-    const int n = descent->state.n, most = work->hierarchy->max_rounds;
-    double *speed = descent->speeds + k * n * n, *still = descent->stills + k * n;
-    double *multipliers = multipliers_of(work, k);
-    Route route = descend(&descent->state, level, most, set, ask, speed, still, multipliers, rounds,
-                          arena);
-    if (route != BLOCKED) return route;
-    const size_t mark = arena->used;
-    int *index = (int *)take(arena, descent->state.N);
-    Problem problem;
-    make_problem(&descent->state, level, &problem, speed, still, index, arena);
-    work->failed = work->propose(work->backend, k, &problem, index, set) < 0;
-    arena->used = mark;
-    return work->failed ? KEPT
-                        : descend(&descent->state, level, most, set, 0, speed, still,
-                                  multipliers, rounds, arena);
+    const int square = descent->state.n * descent->state.n, N = descent->state.N;
+    const Ways ways = {work->hierarchy->max_rounds, work->propose, work->backend, k};
+    return descend(&descent->state, level, &ways, steps, work->sets + first * N,
+                   descent->speeds + k * square, descent->stills + k * descent->state.n,
+                   multipliers_of(work, k), rounds, &descent->doubts[k], arena);
 }
 
 /* A strict level; a guarded one that cannot be reached is damped. */
@@ -356,14 +348,13 @@ static Route serve_strict(Work *work, int k, int *rounds, Arena *arena)
     for (int i = 0; i < n; ++i) at[i] = state->v[i] + descent->offsets[(k - 1) * n + i];
     give_way(work->hierarchy, descent, at, k);
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
-    const Route route =
-        serve_once(work, &level, k, work->propose != NULL, work->sets, rounds, arena);
+    const Route route = serve(work, &level, k, 1, 0, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit;
-    if (route == KEPT || !unreached(work->hierarchy, &level, k, left)) return route;
+    if (route >= KEPT || !unreached(work->hierarchy, &level, k, left)) return route;
     level.damping = descent->damping[k] = unreached_damping(left);
     go_back(descent, work->before, k);
     memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
-    const Route damped = serve_once(work, &level, k, 0, work->sets + N, rounds, arena);
+    const Route damped = serve(work, &level, k, 1, 1, rounds, arena);
     keep_exactly(state, &level, descent->helds[k], arena);
     return damped;
 }
@@ -380,31 +371,16 @@ static double inside(const Descent *descent)
     return 1.0 / (1.0 + sqrt(total) * descent->unit / FAR_OUT);
 }
 
-/* The steps of a damped level from the closed form's v, see cascade.h, with its active sets from
- * `first` on. */
+/* A damped level from the closed form's v, see cascade.h, with its active sets from `first` on. */
 static Route approach_open(Work *work, Level *level, int k, int first, int *rounds, Arena *arena)
 {
-    Descent *descent = work->descent;
-    State *state = &descent->state;
-    const int n = state->n;
-    double *from = take(arena, n), *multipliers = multipliers_of(work, k);
+    const Descent *descent = work->descent;
+    const int n = descent->state.n;
+    double *from = take(arena, n);
     const double share = inside(descent);
-    Route route = CLOSED_FORM;
     for (int i = 0; i < n; ++i) from[i] = share * descent->open[i];
     level->from = from;
-    for (int step = 0; step < PROXIMAL && !work->failed; ++step) {
-        int used = 0;
-        if (step > 0) {
-            memcpy(from, state->v, sizeof(double) * (size_t)n);
-            memset(multipliers, 0, sizeof(double) * (size_t)state->N);
-            state->held = descent->helds[k];
-        }
-        route = serve_once(work, level, k, step == 0 && work->propose != NULL,
-                           work->sets + (first + step) * state->N, &used, arena);
-        *rounds += used;
-        if (step + 1 < PROXIMAL && route >= UNVERIFIED) descent->doubts[k] = 1;
-    }
-    return route;
+    return serve(work, level, k, PROXIMAL, first, rounds, arena);
 }
 
 /* Weight of what bounds keep from a damped level [rad/s]: zero up to KEPT_FROM, one at HELD_BACK
@@ -425,8 +401,7 @@ static Route serve_damped(Work *work, int k, int *rounds, Arena *arena)
     state->offset = descent->offsets + k * n;
     const Route route = approach_open(work, &level, k, 0, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit / level.damping;
-    if (!work->hierarchy->sluggish || work->failed || route == KEPT || !(left > KEPT_FROM))
-        return route;
+    if (!work->hierarchy->sluggish || route >= KEPT || !(left > KEPT_FROM)) return route;
     const double more = held_back(left);
     const double above = unserved(work->hierarchy, descent, descent->aim, work->before, k);
     level.speed *= sqrt(1.0 + more);
@@ -446,9 +421,9 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
     const int n = hierarchy->n, N = descent->state.N;
     State *state = &descent->state;
     double *asked = take(arena, N);
-    Work work = {hierarchy, descent, solution, propose, backend, take(arena, n), NULL, 0};
+    Work work = {hierarchy, descent, solution, propose, backend, take(arena, n), NULL};
     memcpy(asked, state->upper, sizeof(double) * (size_t)N);
-    for (int step = 0; step <= hierarchy->levels && !work.failed; ++step) {
+    for (int step = 0; step <= hierarchy->levels; ++step) {
         const int k = step < after ? step + 1 : (step == after ? 0 : step);
         const size_t inner = arena->used;
         double *info = solution->info + k * COLUMNS;
@@ -463,6 +438,7 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
         else if (descent->damping[k] > 0.0) route = serve_damped(&work, k, &rounds, arena);
         else route = serve_strict(&work, k, &rounds, arena);
         arena->used = inner;
+        if (route == FAILED) return -1;
         if (!is_finite(state)) {
             route = KEPT;
             go_back(descent, work.before, k);
@@ -471,7 +447,7 @@ static int one_by_one(const Hierarchy *hierarchy, int after, Descent *descent, d
         info[ROUTE] = (double)route, info[ROUNDS] = (double)rounds;
     }
     arena->used = mark;
-    return work.failed ? -1 : 0;
+    return 0;
 }
 
 /* Rows (m, n) at v: A v - b; returns whether all are zero (or, for `under`, not above zero), to

@@ -51,11 +51,6 @@ typedef struct {
     double *info;        /* (levels + 1, COLUMNS) */
 } Solution;
 
-/* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in set
- * (N). Returns 0, or -1 where a Python error is set. */
-typedef int (*Proposer)(void *backend, int level, const Problem *problem, const int *rows,
-                        double *set);
-
 size_t memory_for(int n, int m, int rows, int levels);
 
 int solve_hierarchy(const Hierarchy *hierarchy, double *sets, Solution *solution,
