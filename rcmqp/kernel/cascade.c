@@ -290,7 +290,8 @@ Route satisfy_rows(State *state, double damping, int max_rounds, double *speed,
             break;
         }
         memset(set, 0, sizeof(double) * (size_t)problem.k);
-        const int used = solve_level(&problem, max_rounds, set, y, lam, arena);
+        Face face = make_face(&problem, arena);
+        const int used = solve_level(&problem, max_rounds, set, &face, y, lam, arena);
         const double square = problem.weight * problem.weight;
         move(state, y);
         *rounds += used > 0 ? used : -used;
@@ -349,32 +350,55 @@ static void count_from(Problem *problem, const double *y, double *still)
     }
 }
 
-/* The optimum y (free) of a level's problem, its multipliers lam (k), and its active set (N), which
- * is tried first; then no bound at all, then what a backend proposes, if one is asked. `rows`, if
- * given, gets the row space of M where no bound is active. */
-static Route answer(const Problem *problem, const int *index, const Ways *ways, int asks, double *set,
-                    double *y, double *lam, Rows *rows, int *rounds, Arena *arena)
+/* What finds the optimum of a level's problem, step by step. */
+typedef struct {
+    const Ways *ways;
+    Problem *problem;
+    const int *index;  /* (k) which bound each row of R is */
+    int with_rows;     /* whether M's row space is asked for */
+    LeastSquares open; /* the factors of M, once they are needed */
+    Face face;
+    double *guess; /* (k) */
+} Search;
+
+/* The optimum without bounds. */
+static void solve_open(Search *search, double *y)
 {
-    const int k = problem->k, most = ways->max_rounds;
-    double *guess = take(arena, k);
+    const Problem *problem = search->problem;
+    LeastSquares *open = &search->open;
+    if (open->M == NULL)
+        factor_least_squares(open, problem->M, problem->m, problem->r, problem->tol,
+                             search->with_rows);
+    least_squares(open, problem->c, y);
+}
+
+/* The optimum y (free), its multipliers lam (k), and its active set (N), which is tried first; then
+ * no bound at all; then what a backend proposes, if it is asked. */
+static Route answer(Search *search, int asks, double *set, double *y, double *lam, int *rounds,
+                    Arena *arena)
+{
+    const Problem *problem = search->problem;
+    const Ways *ways = search->ways;
+    const int k = problem->k, most = ways->max_rounds, *index = search->index;
+    double *guess = search->guess;
     int guessed = 0, used = 0;
     for (int i = 0; i < k; ++i) {
         guess[i] = set[index[i]];
         if (guess[i] != 0.0) guessed = 1;
     }
-    if (guessed) used = solve_level(problem, asks ? 1 : most, guess, y, lam, arena);
+    if (guessed)
+        used = solve_level(problem, asks ? 1 : most, guess, &search->face, y, lam, arena);
     if (used <= 0) { /* no guess, or one so bad that it cost digits */
-        const int rank = pseudo_solve(problem->M, problem->m, problem->r, problem->c, problem->tol, y,
-                                      rows, NULL, arena);
+        solve_open(search, y);
         for (int i = 0; i < k; ++i) guess[i] = lam[i] = set[index[i]] = 0.0;
-        if (rank >= 0 && feasible(problem, y)) return CLOSED_FORM;
+        if (search->open.rank >= 0 && feasible(problem, y)) return CLOSED_FORM;
         if (asks && ways->propose(ways->backend, ways->level, problem, index, set) < 0)
             return FAILED;
         for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
-        used = solve_level(problem, most, guess, y, lam, arena);
+        used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         if (used < 0 && asks) {
             memset(guess, 0, sizeof(double) * (size_t)k);
-            used = solve_level(problem, most, guess, y, lam, arena);
+            used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         }
     }
     for (int i = 0; i < k; ++i) set[index[i]] = guess[i];
@@ -397,7 +421,6 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
     int *index = (int *)take(arena, N), *strong = (int *)take(arena, N), count = 0;
     Route route = CLOSED_FORM;
     Problem problem;
-    Rows rows;
     if (free == 0 || m == 0) goto done;
     make_problem(state, level, &problem, speed, still, index, arena);
     if (problem.weight == 0.0) goto done;
@@ -406,10 +429,13 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
         goto done;
     }
     const int strict = !(level->damping > 0.0) && !level->last, alone = held == 0;
+    Search search = {ways, &problem, index, strict && alone,
+                     make_least_squares(problem.m, free, arena), make_face(&problem, arena),
+                     take(arena, problem.k)};
     for (int step = 0; step < steps; ++step) {
         if (step > 0) count_from(&problem, y, still);
-        route = answer(&problem, index, ways, step == 0 && ways->propose != NULL, sets + step * N, y,
-                       lam, strict && alone ? &rows : NULL, rounds, arena);
+        route = answer(&search, step == 0 && ways->propose != NULL, sets + step * N, y, lam, rounds,
+                       arena);
         if (route == FAILED || (route == UNVERIFIED && !feasible(&problem, y))) goto done;
         if (route == UNVERIFIED && step + 1 < steps) *doubt = 1;
     }
@@ -421,7 +447,7 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
     if (level->damping > 0.0)
         hold(state, level);
     else if (strict && alone && route == CLOSED_FORM)
-        turn(state, &rows, arena);
+        turn(state, &search.open.rows, arena);
     else if (strict)
         keep(state, problem.M + held * free, m, problem.weight, strong, count, arena);
 done:

@@ -84,12 +84,60 @@ static void advance(double *y, double share, const double *step, int r)
     for (int j = 0; j < r; ++j) y[j] += share * step[j];
 }
 
+/* Room for the factors of a level's working sets. */
+Face make_face(const Problem *problem, Arena *arena)
+{
+    const int m = problem->m, r = problem->r;
+    return (Face){-1, (int *)take(arena, r), (int *)take(arena, r), take(arena, r * r),
+                  take(arena, r * r), take(arena, m * r), make_least_squares(m, r, arena)};
+}
+
+/* The factors of the working set, unless they are here. */
+static void turn_to(Face *face, const Problem *problem, const Working *working, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int m = problem->m, r = problem->r, count = working->count, n_free = r - count;
+    int same = face->count == count;
+    for (int a = 0; a < count && same; ++a) same = face->rows[a] == working->rows[a];
+    if (same) return;
+    double *rows = take(arena, count * r);
+    face->count = count;
+    memcpy(face->rows, working->rows, sizeof(int) * (size_t)count);
+    for (int a = 0; a < count; ++a)
+        memcpy(rows + a * r, problem->R + face->rows[a] * r, sizeof(double) * (size_t)r);
+    factor(rows, count, r, 0.0, face->L, face->Q, face->order, arena);
+    for (int i = 0; i < m; ++i) {
+        double *row = face->MN + i * n_free;
+        memset(row, 0, sizeof(double) * (size_t)n_free);
+        for (int j = 0; j < r; ++j)
+            add_to(row, problem->M[i * r + j], face->Q + j * r + count, n_free);
+    }
+    factor_least_squares(&face->by, face->MN, m, n_free, problem->tol, 0);
+    arena->used = mark;
+}
+
+/* Whether a proposal (k) holds the rows of the face, and no others. */
+static int proposes(const Face *face, const double *proposed, int k)
+{
+    int count = 0;
+    for (int i = 0; i < k; ++i) count += proposed[i] != 0.0;
+    for (int a = 0; a < face->count; ++a)
+        if (proposed[face->rows[a]] == 0.0) return 0;
+    return face->count == count;
+}
+
 /* Hold an independent part of the proposal. */
-static void start_with(const Problem *problem, const double *proposed, Working *working,
-                       Arena *arena)
+static void start_with(const Problem *problem, const double *proposed, const Face *face,
+                       Working *working, Arena *arena)
 {
     const size_t mark = arena->used;
     const int r = problem->r, k = problem->k;
+    if (proposes(face, proposed, k)) {
+        working->count = face->count;
+        memcpy(working->rows, face->rows, sizeof(int) * (size_t)face->count);
+        memcpy(working->held, proposed, sizeof(double) * (size_t)k);
+        return;
+    }
     double *rows = take(arena, k * r), *beta = take(arena, r);
     int *order = (int *)take(arena, k), *index = (int *)take(arena, k), count = 0;
     for (int i = 0; i < k; ++i) {
@@ -155,33 +203,28 @@ static double cone_step(const Problem *problem, const double *y, const double *g
  * upper, -1 at lower bounds, 0.
  *
  * Returns the rounds it took, 1 if the guess was right at once; negative where they ran out. */
-int solve_level(const Problem *problem, int max_rounds, double *set, double *y,
+int solve_level(const Problem *problem, int max_rounds, double *set, Face *face, double *y,
                 double *multipliers, Arena *arena)
 {
     const size_t mark = arena->used;
     const int m = problem->m, r = problem->r, k = problem->k;
     const double *M = problem->M, *c = problem->c;
     Working working = {0, (int *)take(arena, r), take(arena, k)};
-    double *held = working.held, *near = take(arena, k), *rows = take(arena, r * r);
-    double *L = take(arena, r * r), *Q = take(arena, r * r);
-    double *MN = take(arena, m * r), *left = take(arena, m);
+    double *held = working.held, *near = take(arena, k), *left = take(arena, m);
     double *step = take(arena, r), *w = take(arena, r), *g = take(arena, r);
-    int *order = (int *)take(arena, r), stalls = 0, status = -max_rounds;
+    const double *L = face->L, *Q = face->Q;
+    const int *order = face->order;
+    int stalls = 0, status = -max_rounds;
     memset(held, 0, sizeof(double) * (size_t)k);
     memset(y, 0, sizeof(double) * (size_t)r);
     memset(multipliers, 0, sizeof(double) * (size_t)k); /* rounds may run out first */
-    start_with(problem, set, &working, arena);
-    const size_t inner = arena->used;
+    start_with(problem, set, face, &working, arena);
     for (int turn = 0; turn < max_rounds; ++turn) {
         /* the step to the optimum on the working set */
         const int count = working.count, n_free = r - count;
         int row;
         double side;
-        Rows columns;
-        arena->used = inner;
-        for (int a = 0; a < count; ++a)
-            memcpy(rows + a * r, problem->R + working.rows[a] * r, sizeof(double) * (size_t)r);
-        factor(rows, count, r, 0.0, L, Q, order, arena);
+        turn_to(face, problem, &working, arena);
         for (int a = 0; a < count; ++a) { /* back onto the bounds, where steps have drifted off */
             const int i = working.rows[order[a]];
             const double bound = held[i] > 0.0 ? problem->upper[i] : problem->lower[i];
@@ -189,15 +232,8 @@ int solve_level(const Problem *problem, int max_rounds, double *set, double *y,
             w[a] = (w[a] - dot(L + a * r, w, a)) / L[a * r + a];
         }
         for (int j = 0; j < r; ++j) y[j] += dot(Q + j * r, w, count);
-        for (int i = 0; i < m; ++i) {
-            left[i] = c[i] - dot(M + i * r, y, r);
-            for (int b = 0; b < n_free; ++b) {
-                double total = 0.0;
-                for (int j = 0; j < r; ++j) total += M[i * r + j] * Q[j * r + count + b];
-                MN[i * n_free + b] = total;
-            }
-        }
-        pseudo_solve(MN, m, n_free, left, problem->tol, w, NULL, &columns, arena);
+        for (int i = 0; i < m; ++i) left[i] = c[i] - dot(M + i * r, y, r);
+        least_squares(&face->by, left, w);
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
         if (turn == 0 && count > 0) {
             advance(y, 1.0, step, r);
@@ -230,7 +266,7 @@ int solve_level(const Problem *problem, int max_rounds, double *set, double *y,
          * goes: or the heavy rows' rounding would drown the light ones' residual */
         double tol = 0.0;
         for (int i = 0; i < m; ++i) left[i] = dot(M + i * r, y, r) - c[i];
-        outside_range(&columns, m, left);
+        outside_range(&face->by, left);
         for (int j = 0; j < r; ++j) {
             double rounding = 0.0;
             g[j] = 0.0;

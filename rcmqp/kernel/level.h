@@ -29,9 +29,21 @@ typedef struct {
     double tol;    /* rows with less than this left of them are dependent */
 } Problem;
 
+/* The factors of a working set, which stay as long as M and the set are the same. */
+typedef struct {
+    int count;        /* rows held; -1: of none yet */
+    int *rows;        /* (r) which */
+    int *order;       /* (r) in which order they were factored */
+    double *L, *Q;    /* (r, r) the rows held are L Q[:, :count]^T, see factor() */
+    double *MN;       /* (m, r - count) M along what they leave free, Q[:, count:] */
+    LeastSquares by;  /* of MN */
+} Face;
+
+Face make_face(const Problem *problem, Arena *arena);
+
 int feasible(const Problem *problem, const double *y);
 
-int solve_level(const Problem *problem, int max_rounds, double *set, double *y,
+int solve_level(const Problem *problem, int max_rounds, double *set, Face *face, double *y,
                 double *multipliers, Arena *arena);
 
 #endif

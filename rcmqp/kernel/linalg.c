@@ -66,7 +66,7 @@ void reflect_rows(const Rows *rows, int r, double *X, int n, Arena *arena)
 }
 
 /* Room for the rows of a matrix (k, r). */
-void make_rows(Rows *rows, int k, int r, Arena *arena)
+static void make_rows(Rows *rows, int k, int r, Arena *arena)
 {
     *rows = (Rows){0, take(arena, k * r), take(arena, r), (int *)take(arena, k)};
 }
@@ -119,66 +119,75 @@ static void solve_columns(const double *T, int r, int m, const double *beta, con
     }
 }
 
-/* Least squares of least norm: y (r) = M^+ c, refined once; rows, and columns, of M (m, r) with
- * less than tol left of them are dependent.
+/* Room for the factors of a matrix (m, r) at the most. */
+LeastSquares make_least_squares(int m, int r, Arena *arena)
+{
+    LeastSquares made = {0};
+    make_rows(&made.rows, m, r, arena);
+    make_rows(&made.columns, r, m, arena);
+    made.w = take(arena, m > r ? m : r), made.left = take(arena, m);
+    return made;
+}
+
+/* Factors of M (m, r), which has to stay; rows, and columns, with less than tol left of them are
+ * dependent.
  *
  * Columns are reduced where they are independent, for then there is nothing else to find. M's rows
  * take part in their order: heavy ones come first, or they would cost the light ones their digits
- * (Cox and Higham 1998). Rows are reduced first where columns are dependent, or where `rows` asks
- * for M's row space.
+ * (Cox and Higham 1998). Rows are reduced first where columns are dependent, or where `with_rows`
+ * asks for M's row space.
  *
- * Returns the rank, or -1 where a number is not finite. `rows`, if given, gets M's row space, and
- * `columns` what outside_range() needs; both are made in the arena, and stay there. */
-int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
-                 Rows *columns, Arena *arena)
+ * `rank` becomes -1 where a number is not finite. */
+void factor_least_squares(LeastSquares *by, const double *M, int m, int r, double tol, int with_rows)
 {
-    Rows own_rows = {0}, own_columns = {0};
-    if (rows != NULL) make_rows(rows, m, r, arena);
-    if (columns != NULL) make_rows(columns, r, m, arena);
-    const size_t mark = arena->used;
-    if (columns == NULL) make_rows(columns = &own_columns, r, m, arena);
-    double *w = take(arena, m > r ? m : r), *left = take(arena, m), *T = columns->L;
-    double *beta = columns->beta;
-    int *turn = columns->order, direct = 0, rank = r;
-    if (rows == NULL && m >= r) {
+    Rows *rows = &by->rows, *columns = &by->columns;
+    double *T = columns->L;
+    int rank = r;
+    by->M = M, by->m = m, by->r = r, by->direct = 0;
+    if (!with_rows && m >= r) {
         for (int i = 0; i < m; ++i)
             for (int j = 0; j < r; ++j) T[j * m + i] = M[i * r + j];
-        direct = reduce(T, r, m, tol, beta, turn) == r;
+        by->direct = reduce(T, r, m, tol, columns->beta, columns->order) == r;
     }
-    if (!direct) {
-        if (rows == NULL) make_rows(rows = &own_rows, m, r, arena);
+    if (!by->direct) {
         memcpy(rows->L, M, sizeof(double) * (size_t)(m * r));
         rank = rows->rank = reduce(rows->L, m, r, tol, rows->beta, rows->order);
     }
-    const int tall = rank < m;
-    if (tall && !direct) { /* M = T^T Q1^T with T (rank, m) = L^T */
+    if (rank < m && !by->direct) { /* M = T^T Q1^T with T (rank, m) = L^T */
         for (int i = 0; i < rank; ++i)
             for (int j = 0; j < m; ++j)
                 T[i * m + rows->order[j]] = j < i ? 0.0 : rows->L[j * r + i];
-        if (reduce(T, rank, m, 0.0, beta, turn) < rank) rank = -1;
+        if (reduce(T, rank, m, 0.0, columns->beta, columns->order) < rank) rank = -1;
     }
-    columns->rank = rank;
+    by->rank = columns->rank = rank;
+}
+
+/* Least squares of least norm: y (r) = M^+ c, refined once. */
+void least_squares(LeastSquares *by, const double *c, double *y)
+{
+    const Rows *rows = &by->rows, *columns = &by->columns;
+    const int m = by->m, r = by->r, rank = by->rank;
+    double *w = by->w, *left = by->left;
     memset(y, 0, sizeof(double) * (size_t)r);
     for (int refined = 0; refined < 2 && rank > 0; ++refined) {
-        for (int i = 0; i < m; ++i) left[i] = c[i] - dot(M + i * r, y, r);
-        if (tall || direct) {
-            solve_columns(T, rank, m, beta, turn, left, w);
+        for (int i = 0; i < m; ++i) left[i] = c[i] - dot(by->M + i * r, y, r);
+        if (rank < m || by->direct) {
+            solve_columns(columns->L, rank, m, columns->beta, columns->order, left, w);
         } else {
             for (int i = 0; i < rank; ++i)
                 w[i] = (left[rows->order[i]] - dot(rows->L + i * r, w, i)) / rows->L[i * r + i];
         }
         for (int i = rank; i < r; ++i) w[i] = 0.0;
-        for (int j = rank - 1; j >= 0 && !direct; --j) reflect(rows->L, r, j, rows->beta, w);
+        for (int j = rank - 1; j >= 0 && !by->direct; --j) reflect(rows->L, r, j, rows->beta, w);
         for (int j = 0; j < r; ++j) y[j] += w[j];
     }
-    arena->used = mark;
-    return rank;
 }
 
-/* x (m) without its part in the range of an M (m, r), with what pseudo_solve() made of it. */
-void outside_range(const Rows *columns, int m, double *x)
+/* x (m) without its part in the range of M. */
+void outside_range(const LeastSquares *by, double *x)
 {
-    const int rank = columns->rank;
+    const Rows *columns = &by->columns;
+    const int m = by->m, rank = by->rank;
     if (rank < 0 || rank >= m) { /* the range is everything */
         memset(x, 0, sizeof(double) * (size_t)m);
         return;

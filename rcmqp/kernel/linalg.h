@@ -68,19 +68,29 @@ typedef struct {
     int *order;   /* (k) which row each one was */
 } Rows;
 
+/* The factors of a matrix M (m, r), to solve with. */
+typedef struct {
+    const double *M;
+    int m, r, rank, direct; /* direct: M's columns were reduced, and not its rows */
+    Rows rows;              /* M's, where not direct */
+    Rows columns;           /* M's, or those of L of its rows where these are dependent */
+    double *w, *left;       /* scratch */
+} LeastSquares;
+
 int factor(const double *A, int k, int r, double tol, double *L, double *Q, int *order,
            Arena *arena);
 
 int reduce(double *L, int k, int r, double tol, double *beta, int *order);
 
-void make_rows(Rows *rows, int k, int r, Arena *arena);
-
 void reflect_rows(const Rows *rows, int r, double *X, int n, Arena *arena);
 
-int pseudo_solve(const double *M, int m, int r, const double *c, double tol, double *y, Rows *rows,
-                 Rows *columns, Arena *arena);
+LeastSquares make_least_squares(int m, int r, Arena *arena);
 
-void outside_range(const Rows *columns, int m, double *x);
+void factor_least_squares(LeastSquares *by, const double *M, int m, int r, double tol, int with_rows);
+
+void least_squares(LeastSquares *by, const double *c, double *y);
+
+void outside_range(const LeastSquares *by, double *x);
 
 void cholesky(double *A, int n);
 
