@@ -11,7 +11,6 @@ import pytest
 from rcmqp.cli import main
 from rcmqp.controllers import make_controller
 from rcmqp.experiments.compare import cases, compare
-from rcmqp.references.recorded import Recorded
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.moved import along, moved
 from rcmqp.runs.run import Run
@@ -21,6 +20,7 @@ from rcmqp.show.report.build import write_report
 from rcmqp.show.tables import as_markdown, metrics_table, row_of, tables
 from rcmqp.world.instrument import Camera, Instrument, Mount
 from rcmqp.world.instrument_file import load_instrument
+from rcmqp.world.recorded import Recorded
 
 DEEPER = tuple((0.0, 0.0, 1e-5 * i) for i in range(3))
 RECORDING = Recorded((0.0, 0.01, 0.02), DEEPER, True)

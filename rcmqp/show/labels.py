@@ -6,13 +6,17 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.controllers.given import NOT_SAID
 from rcmqp.errors import PluginError, RcmqpError
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths.traces import TipTrace
 from rcmqp.runs.head import Head
 from rcmqp.runs.run import Run
 from rcmqp.runs.vocabulary import MEASURES
+from rcmqp.world.arm import Arm
 from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist
 from rcmqp.world.motions import Sampled
 
@@ -238,3 +242,17 @@ def _remark(law: str) -> str:
         return CONTROLLERS[law].remark if law in CONTROLLERS else ""
     except PluginError:
         return ""
+
+
+def spans(arm: Arm, values: Array) -> str:
+    """Least to largest of a limit: of revolute joints in degrees, of prismatic ones in metres."""
+    slides = np.array([unit == "m" for unit in arm.joint_units])
+    turning, sliding = np.degrees(values[~slides]), values[slides]
+    texts = [_span(turning, ".0f")] if turning.size else []
+    texts += [f"{_span(sliding, '.3g')} m"] if sliding.size else []
+    return "; ".join(texts)
+
+
+def _span(values: Array, style: str) -> str:
+    low, high = (format(x, style).replace("inf", "endless") for x in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"
