@@ -9,13 +9,12 @@ from string import Template
 from typing import Any
 
 from rcmqp.controllers import make_controller
-from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.paths import Search
-from rcmqp.references.view import ViewCommand, view_of_tip, view_pose
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.viewer.build import asset, framed, library, page_data
 from rcmqp.show.viewer.bundle import bundled
+from rcmqp.show.viewer.scene import views
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.loading import arm_title
 
@@ -64,15 +63,5 @@ def _page(title: str, subtitle: str, data: str, task: dict[str, Any] | None) -> 
 
 
 def task_words(task: Search, insertion: Insertion) -> dict[str, Any]:
-    """What the page of a task needs to know of it.
-
-    ``views`` has for each place the (4, 4) matrix, column after column, that moves the camera from
-    where it is at the start to where it is to be, in the world.
-    """
-    start = dq.to_se3(view_pose(insertion.x_rcm, ViewCommand()).x_d)
-    views = []
-    for place in task.places:
-        view = view_of_tip(place, (0.0, 0.0, 0.0), insertion.tip_depth)
-        moved = dq.to_se3(view_pose(insertion.x_rcm, view).x_d) * start.inverse()
-        views.append(moved.homogeneous.T.ravel().tolist())
-    return {"views": views, "instructions": task.instructions}
+    """What the page of a task needs to know of it."""
+    return {"views": views(task.places, insertion), "instructions": task.instructions}
