@@ -17,9 +17,9 @@ from rcmqp.runs.measures import readable
 from rcmqp.runs.metrics import BEHIND, ROUNDING, ChangeRatios, Metrics, compute_metrics
 from rcmqp.runs.moved import recording_remarks
 from rcmqp.runs.run_file import Recording, where_largest
+from rcmqp.runs.setup import given_cells, given_words, joint_units, unit_of
 from rcmqp.runs.untrusted import one_line
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.show.labels import given_cells, given_words, joint_units, unit_of
 from rcmqp.show.table import Table
 
 RCM_WARNING_MM = 1.0

@@ -21,7 +21,7 @@ from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.references.operators import GROUPS, PARAMETERS, camera_trial
 from rcmqp.runs.measures import Measure
 from rcmqp.runs.metrics import BEHIND, ROUNDING, Metrics
-from rcmqp.show.labels import given_words
+from rcmqp.runs.setup import given_words
 from rcmqp.show.table import Table, definitions, literal
 
 MEANS = {

@@ -32,7 +32,7 @@ from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import GROUPS
 from rcmqp.references.paths import HandTrace
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import given_words
+from rcmqp.runs.setup import given_words
 from rcmqp.show.table import Table, literal
 
 LEARNT = ("completion_s", "tip_rms_mm", "obstacle_shaft_mm")
