@@ -13,10 +13,9 @@ from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder, Person
 from rcmqp.experiments.trial.questions import checked_after, checked_before
-from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.loop_process import LoopProcess, at_rest, loop_process
 from rcmqp.live.messages import DEVICES, Said
-from rcmqp.live.page import start_data, task_page, task_words
+from rcmqp.live.page import after_page, before_page, start_data, task_page, task_words
 from rcmqp.live.server import Console
 from rcmqp.live.session import quantiles
 from rcmqp.realtime.latency import LatencyCounter
