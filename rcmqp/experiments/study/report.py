@@ -222,7 +222,7 @@ def write_tables(
 
     Args:
         performed: the study.
-        jump: see tables.table().
+        jump: see table().
         recorded: replays of recorded hands; there is a recorded.csv of them only if there are any.
 
     Raises:
