@@ -29,7 +29,7 @@ from rcmqp.controllers import CONTROLLERS, DualQuaternion, controller_options
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.maths.dualquaternion import Array, from_se3
 from rcmqp.references.paths import ConicalHelix
-from rcmqp.show.report.remake import groups_of, remake_text
+from rcmqp.show.report import groups_of, remake_text
 
 PERIOD = 8e-3
 

@@ -25,7 +25,7 @@ from rcmqp.experiments.study.experiment_b import (
 from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.perform import perform
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.tables import JUMP
+from rcmqp.experiments.study.report import JUMP
 from rcmqp.references.operators import Learning
 
 HANDBOOK = (Path(__file__).parents[1] / "docs" / "handbook.md").read_text(encoding="utf-8")

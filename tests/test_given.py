@@ -18,7 +18,7 @@ from rcmqp.controllers.stack import LevelOfTasks
 from rcmqp.limits import JointLimits
 from rcmqp.references.view import Reference, ViewCommand, view_pose
 from rcmqp.runs.metrics import ROUNDING
-from rcmqp.show.labels import given_cells
+from rcmqp.runs.setup import given_cells
 from rcmqp.tasks import RcmTask
 from rcmqp.world.arm import ArmState
 

@@ -14,9 +14,9 @@ from test_urdf import urdf
 
 from rcmqp import load_arm
 from rcmqp.errors import RcmqpError
-from rcmqp.references.recorded import Recorded
 from rcmqp.world.arm_file import KEYS
 from rcmqp.world.instrument_file import load_instrument
+from rcmqp.world.recorded import Recorded
 
 MOST_SIGNS = 2500
 """Of a sentence for people."""

@@ -14,11 +14,11 @@ from helpers import assert_allclose
 import rcmqp
 from rcmqp.errors import OptionError
 from rcmqp.live.messages import Hand
-from rcmqp.live.pace import RECENT, Pace
 from rcmqp.live.page_hand import PageHand
 from rcmqp.live.steering import LEASH, Held, Steering
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
+from rcmqp.realtime.latency import RECENT, Pace
 from rcmqp.references.hand import ACCELERATIONS, SPEEDS, DeviceState, ImageHand, Viscous
 from rcmqp.references.view import ViewCommand, view_of_pose, view_pose
 from rcmqp.world.insertion import rcm_error, tilt

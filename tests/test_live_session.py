@@ -22,11 +22,11 @@ from rcmqp import load_scenario, make_controller
 from rcmqp.errors import OptionError
 from rcmqp.live.loop_process import LoopProcess, channel_ends, loop_process
 from rcmqp.live.messages import Hand
-from rcmqp.live.pace import RECENT
-from rcmqp.live.session import Session, SimulatedArm, simulated
+from rcmqp.live.session import Session, simulated
 from rcmqp.live.steering import Held
-from rcmqp.realtime.latency import Ticks
+from rcmqp.realtime.latency import RECENT, Ticks
 from rcmqp.realtime.loop import RealtimeLoop
+from rcmqp.realtime.simulated_arm import SimulatedArm
 from rcmqp.realtime.system import processors, real_time_priority
 
 SCENARIO = load_scenario("camera_task", ARM)

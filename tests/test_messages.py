@@ -15,9 +15,9 @@ from rcmqp.cli import main
 from rcmqp.cli.new import ARM
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.errors import OptionError
-from rcmqp.references.recorded import Recorded
 from rcmqp.runs.run import Run
 from rcmqp.world.arm_file import TABLES
+from rcmqp.world.recorded import Recorded
 
 SHORT = "run circle -a panda --duration 0.05"
 

@@ -11,7 +11,7 @@ import pytest
 
 from rcmqp import load_arm
 from rcmqp.errors import ArmError
-from rcmqp.world.mjcf_checks import check_size
+from rcmqp.world.mjcf import check_size
 from rcmqp.world.urdf_checks import MOST_LINKS
 
 

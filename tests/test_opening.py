@@ -19,7 +19,7 @@ ADDRESS = "http://127.0.0.1:1/?token=secret"
     ("command", "serve", "ended"),
     [
         (["live"], "rcmqp.live.console.run_live", LiveReport("", "")),
-        (["trial", "camera_task", "--out", "study"], "rcmqp.live.trial.run_trial", ""),
+        (["trial", "camera_task", "--out", "study"], "rcmqp.live.console.run_trial", ""),
     ],
 )
 def test_the_browser_is_given_a_file_that_only_this_user_can_read(

@@ -138,7 +138,7 @@ def test_worker_processes_of_loky_and_dask_know_the_names(keyhole: Path, tmp_pat
 
 STUDY = """
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.show.report.remake import run_command
+from rcmqp.runs.setup import run_command
 from rcmqp import load_scenario, make_controller, simulate
 from rcmqp.world.plugins import distributions_of
 

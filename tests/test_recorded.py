@@ -14,9 +14,9 @@ from rcmqp.cli import main
 from rcmqp.errors import InvalidCommand, OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.references.paths import TipTrace
-from rcmqp.references.recorded import Recorded
 from rcmqp.references.view import ViewCommand, view_pose
 from rcmqp.runs.moved import along, moved
+from rcmqp.world.recorded import Recorded
 
 TIMES = np.linspace(0.0, 2.0, 41)
 WAY = 0.01 * np.column_stack([np.sin(1.5 * TIMES) ** 2, 1.0 - np.cos(2.0 * TIMES), 0.3 * TIMES])

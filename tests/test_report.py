@@ -20,8 +20,7 @@ from rcmqp.cli import main
 from rcmqp.errors import RunFileError, ViewError
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.show import plots
-from rcmqp.show.report.build import Screenshot, Section, as_html, pictures, write_report
-from rcmqp.show.report.remake import groups_of
+from rcmqp.show.report import Screenshot, Section, as_html, groups_of, pictures, write_report
 from rcmqp.show.viewer.browser import PATIENCE, browser
 
 DISPLAYS = "what => [...document.querySelectorAll(what)].map(x => getComputedStyle(x).display)"
@@ -105,7 +104,7 @@ def test_a_screenshot_is_of_the_runs_end_and_its_caption_is_text(
     def draw(runs: list[Run], path: Path, *, time: float) -> None:
         asked.append((runs, path, time))
 
-    monkeypatch.setattr("rcmqp.show.report.build.snapshot", draw)
+    monkeypatch.setattr("rcmqp.show.report.snapshot", draw)
     shot = Screenshot("lwa3", "the LWA3 *at the end*", runs[0])
     shot.write(tmp_path)
     assert asked == [([runs[0]], tmp_path / "lwa3.png", 0.3)]

@@ -29,7 +29,7 @@ from rcmqp.references.paths import PATHS, Foreign, Search
 from rcmqp.runs.head import Head
 from rcmqp.runs.loop_record import TIMES
 from rcmqp.runs.run_file import RunFile
-from rcmqp.show.report.remake import groups_of, remake_text
+from rcmqp.show.report import groups_of, remake_text
 from rcmqp.world.obstacles import Sphere
 
 CHANNELS = [field for field in dataclasses.fields(Run) if "unit" in field.metadata]

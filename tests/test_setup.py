@@ -11,16 +11,17 @@ import pytest
 from rcmqp.cli import main
 from rcmqp.controllers import make_controller
 from rcmqp.experiments.compare import cases, compare
-from rcmqp.references.recorded import Recorded
 from rcmqp.runs.loading import load_scenario
 from rcmqp.runs.moved import along, moved
 from rcmqp.runs.run import Run
+from rcmqp.runs.setup import setup_text
 from rcmqp.runs.simulate import simulate
-from rcmqp.show.labels import FEED_FORWARD, LIMITS, ROLL, remarks, run_labels, setup_text
-from rcmqp.show.report.build import write_report
+from rcmqp.show.labels import FEED_FORWARD, LIMITS, ROLL, remarks, run_labels
+from rcmqp.show.report import write_report
 from rcmqp.show.tables import as_markdown, metrics_table, row_of, tables
 from rcmqp.world.instrument import Camera, Instrument, Mount
 from rcmqp.world.instrument_file import load_instrument
+from rcmqp.world.recorded import Recorded
 
 DEEPER = tuple((0.0, 0.0, 1e-5 * i) for i in range(3))
 RECORDING = Recorded((0.0, 0.01, 0.02), DEEPER, True)

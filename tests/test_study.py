@@ -39,8 +39,7 @@ from rcmqp.experiments.study.perform import (
     trial_file,
 )
 from rcmqp.experiments.study.plan import Law, Study
-from rcmqp.experiments.study.report import write_tables
-from rcmqp.experiments.study.tables import outcomes_csv, table
+from rcmqp.experiments.study.report import outcomes_csv, table, write_tables
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.world.arm_limits import ArmLimits
 

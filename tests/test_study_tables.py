@@ -19,8 +19,8 @@ from rcmqp.experiments.study.figures import groups_figure, trial_figure
 from rcmqp.experiments.study.outcome import TRACES, Outcome
 from rcmqp.experiments.study.perform import Performed
 from rcmqp.experiments.study.plan import Law, Study
+from rcmqp.experiments.study.report import JUMP, outcomes_csv, table
 from rcmqp.experiments.study.statistics import Effect, effect, summary
-from rcmqp.experiments.study.tables import JUMP, outcomes_csv, table
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.runs.metrics import compute_metrics
 

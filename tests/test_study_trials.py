@@ -25,8 +25,7 @@ from rcmqp.experiments.study.perform import (
     trial_file,
 )
 from rcmqp.experiments.study.plan import Law
-from rcmqp.experiments.study.report import write_figures
-from rcmqp.experiments.study.tables import table
+from rcmqp.experiments.study.report import table, write_figures
 from rcmqp.experiments.study.trial_file import TrialFile
 from rcmqp.references.operators import CameraTrial, operator_of_study, recognition_times
 from rcmqp.references.operators.camera_task import CameraTask

@@ -26,10 +26,9 @@ from rcmqp.experiments.trial.people import Folder, Person, checked_id
 from rcmqp.experiments.trial.questions import EXPERIENCE, checked_after, checked_before
 from rcmqp.experiments.trial.task import read_task, scenarios_task, with_task
 from rcmqp.files import _part
-from rcmqp.live.forms import after_page, before_page
-from rcmqp.live.goals import Goals
 from rcmqp.live.messages import Malformed, Said, parse
-from rcmqp.references.operators.camera_task import CameraTask
+from rcmqp.live.page import after_page, before_page
+from rcmqp.references.operators.camera_task import CameraTask, Goals
 from rcmqp.references.paths import Search
 from rcmqp.runs.loading import load_scenario
 

@@ -19,12 +19,11 @@ from rcmqp.controllers import CONTROLLERS
 from rcmqp.controllers.settings import registered
 from rcmqp.errors import OptionError
 from rcmqp.experiments.study.plan import Law
-from rcmqp.experiments.trial.conduct import order_table
 from rcmqp.experiments.trial.design import Design, file_sha256, orders
 from rcmqp.experiments.trial.people import Folder
 from rcmqp.experiments.trial.questions import EXPERIENCE
-from rcmqp.experiments.trial.results import read_results
-from rcmqp.experiments.trial.tables import holm, results_table, signed_rank
+from rcmqp.experiments.trial.report import holm, results_table, signed_rank
+from rcmqp.experiments.trial.results import order_table, read_results
 from rcmqp.experiments.trial.task import scenarios_task
 from rcmqp.references.paths import Search, ViewMoves
 from rcmqp.runs.loading import load_scenario

@@ -14,8 +14,9 @@ from rcmqp import Run, load_scenario, make_controller, simulate
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import CameraTrial
+from rcmqp.runs.setup import GIVEN
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.show.labels import COLOURS, GIVEN, SPHERES
+from rcmqp.show.labels import COLOURS, SPHERES
 from rcmqp.show.viewer.timeline import slip
 from rcmqp.world.camera import Pinhole, camera_pose
 from rcmqp.world.motions import Sinusoid

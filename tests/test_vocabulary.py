@@ -17,8 +17,8 @@ from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.vocabulary import HANDS, TRIALS
 from rcmqp.runs.measures import Measure
 from rcmqp.runs.metrics import Metrics
+from rcmqp.runs.setup import joint_units, unit_of
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.show.labels import joint_units, unit_of
 from rcmqp.show.tables import (
     Row,
     columns_explained,

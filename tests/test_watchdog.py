@@ -26,8 +26,7 @@ from rcmqp.realtime.packets import Packets, new_key
 from rcmqp.realtime.report import LoopReport
 from rcmqp.realtime.run import HOLD, LoopHung, RealtimeLoop, Stamped, run_realtime
 from rcmqp.realtime.simulated_arm import insertion_of
-from rcmqp.realtime.system import KeptSignals, time_waited
-from rcmqp.realtime.watchdog import Watchdog
+from rcmqp.realtime.system import KeptSignals, Watchdog, time_waited
 
 T = 0.001
 HUNG = 0.5

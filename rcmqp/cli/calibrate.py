@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,6 @@ from rcmqp.cli.console import err, out
 from rcmqp.cli.options import AsJson, FlangeOption
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_readable
-from rcmqp.maths.dualquaternion import Array
 from rcmqp.world.calibration import Calibration, calibrate_tool, calibrate_trocar, weakness
 from rcmqp.world.loading import load_arm
 
@@ -106,7 +106,7 @@ def _json(found: Calibration) -> dict[str, object]:
     }
 
 
-def _numbers(values: Array, style: str = ".5f") -> str:
+def _numbers(values: Iterable[float], style: str = ".5f") -> str:
     return ", ".join(format(float(x), style) for x in values)
 
 

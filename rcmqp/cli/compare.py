@@ -13,7 +13,7 @@ from rcmqp.cli import options as ask
 from rcmqp.controllers.settings import controller_of, every_setting, registered, with_options
 from rcmqp.errors import ArmError, OptionError, UnknownName
 from rcmqp.files import absent
-from rcmqp.runs.loading import own_arm
+from rcmqp.runs.loading import own_arm, scenario_changes
 from rcmqp.show.tables import tables
 from rcmqp.world.loading import ARM_FILE, URDF_ENDINGS, arm_names, names_its_flange
 
@@ -90,7 +90,7 @@ def compare(
     chosen = [registered(setting) for setting in controller or every_setting(fixed=given)]
     laws = with_options(chosen, given)
     changes = (
-        ask.scenario_changes(
+        scenario_changes(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
         | ask.limits_of(acceleration, jerk).given()

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any, TypeVar
 
-import numpy as np
 import typer
 
 from rcmqp.cli import console
@@ -15,9 +14,9 @@ from rcmqp.cli.console import out, print_tables, say
 from rcmqp.cli.options import AsJson, FlangeOption
 from rcmqp.controllers import CONTROLLERS, controller_options
 from rcmqp.errors import PluginError, UnknownName
-from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.loading import scenario_module, scenario_names
 from rcmqp.runs.untrusted import one_line
+from rcmqp.show.labels import spans
 from rcmqp.show.table import Table
 from rcmqp.world.arm import Arm
 from rcmqp.world.ease import ease_at
@@ -115,10 +114,10 @@ def print_arms(arms: Iterable[Arm]) -> None:
             arm.name,
             str(arm.nv),
             f"{arm.reach:.2f}",
-            _spans(arm, arm.upper - arm.lower),
-            _spans(arm, arm.velocity),
-            _spans(arm, arm.acceleration).replace("endless", "no limit"),
-            _spans(arm, arm.jerk).replace("endless", "no limit"),
+            spans(arm, arm.upper - arm.lower),
+            spans(arm, arm.velocity),
+            spans(arm, arm.acceleration).replace("endless", "no limit"),
+            spans(arm, arm.jerk).replace("endless", "no limit"),
             "both" if arm.assumed == {"acceleration", "jerk"} else ", ".join(sorted(arm.assumed)),
             arm.licence,
         )
@@ -192,17 +191,3 @@ def arm_json(arm: Arm) -> dict[str, Any]:
 def _limit(value: float, assumed: bool) -> str:
     """A limit of speed, acceleration or jerk, as text."""
     return "no limit" if math.isinf(value) else f"{value:.4f}{' assumed' if assumed else ''}"
-
-
-def _spans(arm: Arm, values: Array) -> str:
-    """Least to largest of a limit: of revolute joints in degrees, of prismatic ones in metres."""
-    slides = np.array([unit == "m" for unit in arm.joint_units])
-    turning, sliding = np.degrees(values[~slides]), values[slides]
-    texts = [_span(turning, ".0f")] if turning.size else []
-    texts += [f"{_span(sliding, '.3g')} m"] if sliding.size else []
-    return "; ".join(texts)
-
-
-def _span(values: Array, style: str) -> str:
-    low, high = (format(x, style).replace("inf", "endless") for x in (values.min(), values.max()))
-    return low if low == high else f"{low} to {high}"

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import html
+import tempfile
+import webbrowser
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -10,11 +15,17 @@ from rich.markup import escape
 
 from rcmqp.cli import options as ask
 from rcmqp.cli.console import err, out
-from rcmqp.cli.opening import opening
 from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import ToolMissing
 from rcmqp.live import LOCAL
 from rcmqp.runs.loading import load_scenario
+
+PAGE = """<!doctype html>
+<meta charset="utf-8"><meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0; url={address}">
+<p><a href="{address}">rcmqp</a></p>
+"""
+"""Leads to an address at once."""
 
 
 def live(
@@ -78,12 +89,8 @@ def live(
     """
     from rcmqp.experiments.trial.design import file_of
 
-    try:
+    with live_extra():
         from rcmqp.live.console import run_live
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets"):
-            raise
-        raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
     name, options = controller_of(registered(controller), settings or [])
     law_file = file_of(controller) if FILE_SETTING.fullmatch(controller) else None
     given = ask.limits_of(acceleration, jerk).given() | ask.instrument_of(instrument)
@@ -119,3 +126,36 @@ def live(
     out.print(report.text, markup=False, highlight=False, soft_wrap=True)
     if report.fault:
         raise typer.Exit(1)
+
+
+@contextlib.contextmanager
+def live_extra() -> Iterator[None]:
+    """Import in the block what needs rcmqp[live].
+
+    Raises:
+        ToolMissing: it is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets"):
+            raise
+        raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
+
+
+@contextlib.contextmanager
+def opening() -> Iterator[Callable[[str], None]]:
+    """Yield a function that opens an address in the browser, until the block ends.
+
+    Everybody can read the arguments of a process, so the browser is given a file that only this
+    user can read, and which leads to the address.
+    """
+    with tempfile.TemporaryDirectory(prefix="rcmqp-") as folder:
+
+        def show(address: str) -> None:
+            file = Path(folder) / "open.html"
+            file.touch(0o600)
+            file.write_text(PAGE.format(address=html.escape(address)), encoding="utf-8")
+            webbrowser.open(file.as_uri())
+
+        yield show

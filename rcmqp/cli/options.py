@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from rcmqp.errors import OptionError
-from rcmqp.references.governor import Governor
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.instrument import Vector3, vector3
 from rcmqp.world.instrument_file import load_instrument
@@ -98,24 +97,6 @@ RADIANS = math.pi / 2.0
 JOBS = typer.Option("--jobs", "-j", help="Processes; -1 for every core; 1 without it.")
 Jobs = Annotated[int, JOBS]
 Files = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs' HDF5 files.")]
-
-
-def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
-    """Collect the changes of a scenario that were given; None means no change.
-
-    Args:
-        governor: whether there is to be one.
-        changes: fields of Scenario.
-
-    Raises:
-        OptionError: the period is so long that it must be in ms.
-    """
-    given = {name: value for name, value in changes.items() if value is not None}
-    if (period := given.get("period", 0.0)) >= 0.5:
-        raise OptionError(
-            f"--period {period:g}: it is in s; {period:g} ms are --period {1e-3 * period:g}"
-        )
-    return given if governor is None else given | {"governor": Governor() if governor else None}
 
 
 def instrument_of(file: str | None) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,14 @@ import numpy as np
 from rich.markup import escape
 
 from rcmqp.cli.console import err, out, print_json, print_tables, say
-from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.head import Head
 from rcmqp.runs.measures import readable
 from rcmqp.runs.metrics import BEHIND, ROUNDING, ChangeRatios, Metrics, compute_metrics
 from rcmqp.runs.moved import recording_remarks
-from rcmqp.runs.run import Run
-from rcmqp.runs.run_file import Recording
+from rcmqp.runs.run_file import Recording, where_largest
+from rcmqp.runs.setup import given_cells, given_words, joint_units, unit_of
 from rcmqp.runs.untrusted import one_line
 from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.show.labels import given_cells, given_words, joint_units, unit_of
 from rcmqp.show.table import Table
 
 RCM_WARNING_MM = 1.0
@@ -92,21 +90,21 @@ def warnings(run: Recording, metrics: Metrics) -> list[str]:
             f"cycles, first at {period * cycles[0]:.3f} s: {reason}"
         )
     if metrics.speed_ratio_max > 1.0 + ROUNDING:
-        _, _, where = _where(run, lambda part: np.abs(part.v) / part.velocity_limit)
+        _, _, where = where_largest(run, lambda part: np.abs(part.v) / part.velocity_limit)
         ratio, more = metrics.speed_ratio_max, _uncounted(head, "speed")
         texts.append(f"{where} was asked for {ratio:.3g} times its speed limit{more}")
     for kind in ("acceleration", "jerk"):
         if (ratio := getattr(metrics, f"{kind}_ratio_max")) > 1.0 + ROUNDING:
             assumed = "assumed " if kind in head.assumed else ""
             changes = ChangeRatios()
-            _, row, where = _where(run, lambda part: changes.of(part)[kind])  # noqa: B023
+            _, row, where = where_largest(run, lambda part: changes.of(part)[kind])  # noqa: B023
             texts.append(
                 f"{where} was asked for {ratio:.3g} times its {assumed}{kind} limit"
                 + _uncounted(head, kind)
                 + (_start_of_objective(run) if row < FIRST_CYCLES else "")
             )
     if metrics.limit_margin_min_rad < -ROUNDING:
-        joint, _, where = _where(
+        joint, _, where = where_largest(
             run, lambda part: np.maximum(part.lower - part.angles, part.angles - part.upper)
         )
         texts.append(
@@ -277,19 +275,6 @@ def _after_the_stop(metrics: Metrics) -> list[str]:
             f"swing of a speed      {swing} of its limit in the last second",
         ]
     return lines
-
-
-def _where(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, int, str]:
-    """Indices of joint and cycle with the largest excess (n, nv), and their names as text."""
-    worst, joint, cycle, where, before = -math.inf, 0, 0, "", 0
-    for part in run.parts():
-        excess = excess_of(part)
-        row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
-        if excess[row, column] > worst:
-            worst, joint, cycle = excess[row, column], int(column), before + int(row)
-            where = f"{part.joints[column]} at {part.time[row]:.3f} s"
-        before += len(part.time)
-    return joint, cycle, where
 
 
 def _limited(name: str, metrics: Metrics, more: str) -> str:

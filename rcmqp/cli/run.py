@@ -16,15 +16,15 @@ from rcmqp.controllers import CONTROLLERS, make_controller
 from rcmqp.controllers.settings import controller_of, options_of, registered
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.files import check_writable, make_folder
-from rcmqp.references.recorded import Recorded
 from rcmqp.runs.head import Head, check_own, opened
-from rcmqp.runs.loading import RUN_FILE, load_scenario
+from rcmqp.runs.loading import RUN_FILE, load_scenario, scenario_changes
 from rcmqp.runs.moved import along, moved
 from rcmqp.runs.run import Run
 from rcmqp.runs.run_file import RunFile
 from rcmqp.runs.simulate import record, simulate
 from rcmqp.world.ease import ease_at
 from rcmqp.world.loading import arm_names
+from rcmqp.world.recorded import Recorded
 
 
 def run(
@@ -124,7 +124,7 @@ def run(
             raise OptionError("the gain is given twice, by --gain and by --set gain")
         options["gain"] = gain
     given = (
-        ask.scenario_changes(
+        scenario_changes(
             governor, period=period, duration=duration, seed=seed, planner_from=planner_from
         )
         | ask.limits_of(acceleration, jerk).given()

@@ -14,8 +14,7 @@ from rcmqp.cli import options as ask
 from rcmqp.cli.console import print_written, say
 from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
 from rcmqp.errors import OptionError
-from rcmqp.references.operators import Learning
-from rcmqp.runs.loading import scenario_names
+from rcmqp.runs.loading import scenario_changes, scenario_names
 
 if TYPE_CHECKING:
     from rcmqp.experiments.study.outcome import Outcome
@@ -124,7 +123,7 @@ def study(
     and --hand need it again: -c my_law.py.
     """
     from rcmqp.experiments.study.perform import perform  # joblib and SciPy take long to import
-    from rcmqp.experiments.study.plan import Law, Study
+    from rcmqp.experiments.study.plan import Law, Study, learning_of
     from rcmqp.experiments.study.replay import read_hands, replay, study_conditions
     from rcmqp.experiments.study.report import write_figures, write_tables
 
@@ -146,7 +145,7 @@ def study(
         return
     _check_known(scenario)
     operators = 20 if operators is None else operators
-    given = ask.scenario_changes(None, period=period)
+    given = scenario_changes(None, period=period)
     laws = [
         Law(name, options=tuple(options.items()), **given)
         for name, options in _settings(controller or ["dual_quaternion"], gain or [])
@@ -217,6 +216,7 @@ def reproduce_b(
 ) -> None:
     """The paper's experiment B: its law at T = 8 ms, on the LWA3."""
     from rcmqp.experiments.study import experiment_b  # joblib and SciPy take long to import
+    from rcmqp.experiments.study.plan import learning_of
 
     with console.bar(quiet=as_json) as advance:
         experiment = experiment_b.reproduce_b(
@@ -235,11 +235,6 @@ def reproduce_b(
     notes = [note for each in studies for note in each.notes]
     texts = [experiment.table, *([experiment.factor_table] if experiment.factorial else [])]
     _print({"simulated": outcomes}, notes, texts, experiment.files, as_json)
-
-
-def learning_of(practice: float | None) -> Learning | None:
-    """Make the Learning of --practice; None without it."""
-    return None if practice is None else Learning(practice)
 
 
 def _people(
@@ -348,6 +343,7 @@ def hands(
     speed spectra, SPARC and LDLJ; nothing of the model was fitted to them.
     """
     from rcmqp.experiments.study.hands import compare_hands  # SciPy and joblib take long to import
+    from rcmqp.experiments.study.plan import learning_of
 
     comparison = compare_hands(
         recordings,

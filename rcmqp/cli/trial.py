@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rcmqp.cli.console import out, print_note
-from rcmqp.cli.opening import opening
+from rcmqp.cli.live import live_extra, opening
 from rcmqp.controllers.settings import FILE_SETTING, controller_of, registered
-from rcmqp.errors import OptionError, ToolMissing
+from rcmqp.errors import OptionError
 from rcmqp.files import check_readable
 from rcmqp.runs.untrusted import MOST_TEXT
 
@@ -113,12 +113,8 @@ def trial(
     if design is None:
         design = _design(scenario, arm, controller, period, task, consent, given)
         _check(design)
-    try:
-        from rcmqp.live.trial import run_trial
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets"):
-            raise
-        raise ToolMissing(error.name or "starlette", "pip install 'rcmqp[live]'") from error
+    with live_extra():
+        from rcmqp.live.console import run_trial
     from rcmqp.files import make_folder
 
     design.keep(make_folder(folder))

@@ -193,7 +193,7 @@ def report(
     the same as Markdown, CSV and LaTeX (booktabs); figures as PNG and PDF; and for each scenario
     and arm a page to play its runs in and the scenario itself.
     """
-    from rcmqp.show.report.build import write_report  # matplotlib takes long to import
+    from rcmqp.show.report import write_report  # matplotlib takes long to import
 
     runs = [Run.load(file) for file in files]
     for path in write_report(runs, folder, files=[file.name for file in files]):

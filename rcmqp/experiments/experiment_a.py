@@ -25,11 +25,11 @@ from rcmqp.runs.measures import until
 from rcmqp.runs.metrics import Metrics, compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
+from rcmqp.runs.setup import given_cells, given_names
 from rcmqp.runs.simulate import simulate
 from rcmqp.runs.vocabulary import MEASURES
 from rcmqp.show import plots, tables
-from rcmqp.show.labels import given_cells, given_names
-from rcmqp.show.report.build import (
+from rcmqp.show.report import (
     INDEX,
     LATEX,
     NUMBERS,

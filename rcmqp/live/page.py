@@ -1,23 +1,31 @@
-"""The console's page: the viewer's modules, the arm, and what stands around it."""
+"""Pages of the console and of a trial: the scene, and the questions."""
 
 from __future__ import annotations
 
 import dataclasses
 import html
 import json
+from collections.abc import Sequence
 from string import Template
 from typing import Any
 
 from rcmqp.controllers import make_controller
-from rcmqp.maths import dualquaternion as dq
+from rcmqp.experiments.trial.questions import (
+    EXPERIENCE,
+    LEVELS,
+    LONGEST_COMMENT,
+    RATINGS,
+)
 from rcmqp.references.paths import Search
-from rcmqp.references.view import ViewCommand, view_of_tip, view_pose
 from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.viewer.build import asset, framed, library, page_data
 from rcmqp.show.viewer.bundle import bundled
+from rcmqp.show.viewer.scene import views
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.loading import arm_title
+
+BREAK = '<button type="button" id="break">break off</button>'
 
 
 def page(scenario: Scenario, controller: str, options: dict[str, Any]) -> str:
@@ -51,6 +59,43 @@ def start_data(scenario: Scenario, controller: str, options: dict[str, Any]) -> 
     return page_data([start], ["arm"], insertion, deepest=deepest)
 
 
+def task_words(task: Search, insertion: Insertion) -> dict[str, Any]:
+    """What the page of a task needs to know of it."""
+    return {"views": views(task.places, insertion), "instructions": task.instructions}
+
+
+def before_page(consent: str) -> str:
+    """The questions before the task, under the text of consent if there is one."""
+    questions = [
+        _choices(name, f"How much experience do you have with {about}?", LEVELS, first=0)
+        for name, about in EXPERIENCE.items()
+    ]
+    lead = "<p>No name is asked for, and all that you answer stays on this computer.</p>"
+    if consent:
+        lead += f'<div class="consent" tabindex="0">{html.escape(consent)}</div>'
+    said = "I have read this and agree to take part." if consent else "I agree to take part."
+    questions.append(f'<label><input type="checkbox" name="consent"> {said}</label>')
+    return _form("Before you begin", lead, questions)
+
+
+def after_page(number: int, count: int) -> str:
+    """The questions after a task, which was one of ``count``."""
+    questions = [
+        _choices(name, asked, answers, first=1) for name, (asked, answers) in RATINGS.items()
+    ]
+    questions.append(
+        "<fieldset><legend>Is there anything that you want to say?</legend>"
+        f'<textarea name="comment" maxlength="{LONGEST_COMMENT}"></textarea></fieldset>'
+    )
+    lead = f"<p>About task {number} of {count}, which you have just ended.</p>"
+    return _form("What was it like?", lead, questions)
+
+
+def waiting_page() -> str:
+    """What is there until the first page is; it goes on by itself."""
+    return _form("One moment, please.", "", [])
+
+
 def _page(title: str, subtitle: str, data: str, task: dict[str, Any] | None) -> str:
     body = Template(asset("live.html")).substitute(
         title=html.escape(title),
@@ -63,16 +108,22 @@ def _page(title: str, subtitle: str, data: str, task: dict[str, Any] | None) -> 
     return framed(title, asset("page.css") + asset("live.css") + asset("task.css"), body)
 
 
-def task_words(task: Search, insertion: Insertion) -> dict[str, Any]:
-    """What the page of a task needs to know of it.
+def _form(title: str, lead: str, questions: Sequence[str]) -> str:
+    go_on = f'{BREAK}<button type="submit">go on</button>'
+    body = Template(asset("form.html")).substitute(
+        title=title,
+        lead=lead,
+        questions="\n    ".join(questions),
+        buttons=go_on if questions else "",
+        script=bundled("form.js", asset),
+    )
+    return framed(title, asset("page.css") + asset("task.css"), body)
 
-    ``views`` has for each place the (4, 4) matrix, column after column, that moves the camera from
-    where it is at the start to where it is to be, in the world.
-    """
-    start = dq.to_se3(view_pose(insertion.x_rcm, ViewCommand()).x_d)
-    views = []
-    for place in task.places:
-        view = view_of_tip(place, (0.0, 0.0, 0.0), insertion.tip_depth)
-        moved = dq.to_se3(view_pose(insertion.x_rcm, view).x_d) * start.inverse()
-        views.append(moved.homogeneous.T.ravel().tolist())
-    return {"views": views, "instructions": task.instructions}
+
+def _choices(name: str, asked: str, answers: Sequence[str], *, first: int) -> str:
+    boxes = "".join(
+        f'<label><input type="radio" name="{name}" value="{i}" required> '
+        f"{html.escape(text)}</label>"
+        for i, text in enumerate(answers, first)
+    )
+    return f"<fieldset><legend>{html.escape(asked)}</legend>{boxes}</fieldset>"

@@ -25,15 +25,14 @@ import numpy as np
 from rcmqp.controllers import make_controller
 from rcmqp.controllers.settings import registered
 from rcmqp.errors import RcmqpError
-from rcmqp.live.goals import Goals
-from rcmqp.live.pace import RECENT, Pace
 from rcmqp.live.page_hand import PageHand
 from rcmqp.live.steering import Held, Steering
-from rcmqp.maths.dualquaternion import Array
-from rcmqp.realtime.latency import Latency, LatencyCounter
+from rcmqp.realtime.latency import RECENT, Latency, LatencyCounter, Pace
 from rcmqp.realtime.loop import RealtimeLoop
+from rcmqp.realtime.simulated_arm import SimulatedArm
 from rcmqp.realtime.system import priority_if_permitted
 from rcmqp.references.governor import tip_distance
+from rcmqp.references.operators.camera_task import Goals
 from rcmqp.references.paths import Search
 from rcmqp.references.view import Stamped
 from rcmqp.runs.loop_record import LoopRecorder
@@ -50,33 +49,6 @@ TOO_SLOW = 0.2
 
 LATENESS = 10.0
 """How late a cycle may be [s]: the simulated arm waits for it."""
-
-
-class SimulatedArm:
-    """Joints that go on by one period with each command.
-
-    So the arm's time is the loop's: on a busy computer it is slower than the clock, which the
-    loop's report counts, and no motion is lost.
-
-    Attributes:
-        sent_at: when the last command came, by the clock [s].
-    """
-
-    def __init__(self, insertion: Insertion, period: float) -> None:
-        """At rest, at the start."""
-        self._arm, self._period = insertion.arm, period
-        self._q, self._v = np.array(insertion.q_start), np.zeros(insertion.arm.nv)
-        self.sent_at = math.nan
-
-    def read(self) -> tuple[Array, Array]:
-        """Configuration q (nq,) and velocity v (nv,)."""
-        return self._q, self._v
-
-    def send(self, v: Array) -> None:
-        """Move at v (nv,) for a period."""
-        self._q = self._arm.integrate(self._q, v, self._period)
-        self._v = np.array(v)
-        self.sent_at = time.monotonic()
 
 
 class Session:

@@ -13,11 +13,9 @@ from rcmqp.experiments.study.plan import Law
 from rcmqp.experiments.trial.design import Design, orders
 from rcmqp.experiments.trial.people import Folder, Person
 from rcmqp.experiments.trial.questions import checked_after, checked_before
-from rcmqp.files import remove
-from rcmqp.live.forms import after_page, before_page
 from rcmqp.live.loop_process import LoopProcess, at_rest, loop_process
 from rcmqp.live.messages import DEVICES, Said
-from rcmqp.live.page import start_data, task_page, task_words
+from rcmqp.live.page import after_page, before_page, start_data, task_page, task_words
 from rcmqp.live.server import Console
 from rcmqp.live.session import quantiles
 from rcmqp.realtime.latency import LatencyCounter
@@ -175,6 +173,7 @@ class Sitting:
         def begins() -> None:
             notes["attempts"] += 1
             self._folder.keep_notes(self._id, number, notes)
+            self._folder.forget_run(self._id, number)
 
         while notes["finished"] is None:
             self._console.drawn = LatencyCounter()
@@ -243,8 +242,6 @@ class Sitting:
                     if said.kind == "break":
                         raise BrokenOff(f"{self._id} breaks off before a start")
                 begins()
-                if header["out"] is not None:  # an older attempt's run must not stand for this one
-                    remove(header["out"])
                 self._console.devices.clear()
                 loop.start()
                 return await self._until_the_end(loop)

@@ -106,9 +106,9 @@ def at_least(least: float, unit: str = "") -> Metadata:
     return _number(f"finite and {least:g} or more", lambda x: least <= x < math.inf, unit)
 
 
-def positive_or_inf(unit: str = "") -> Metadata:
-    """A number above 0, in ``unit``; inf says that there is no limit."""
-    return _number("positive, inf for none", lambda x: x > 0.0, unit)
+def positive_or_inf() -> Metadata:
+    """A number above 0; inf says that there is no limit."""
+    return _number("positive, inf for none", lambda x: x > 0.0, "")
 
 
 def between(low: float, high: float, unit: str = "") -> Metadata:

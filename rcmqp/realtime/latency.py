@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +16,9 @@ _R20 = "1 1.12 1.25 1.4 1.6 1.8 2 2.24 2.5 2.8 3.15 3.55 4 4.5 5 5.6 6.3 7.1 8 9
 EDGES = tuple(float(f"{number}e{power}") for power in range(-6, 1) for number in _R20)
 """Upper edges of the bins [s], from 1 us to 9 s; below the first and beyond the last is a bin
 more. Neighbours differ by 13 % at most, and a quantile is known to that."""
+
+RECENT = 3.0
+"""Window of Pace [s]."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +71,27 @@ class LatencyCounter:
         return Latency(tuple(self._counts), self._worst, self._worst_at)
 
 
-def skipped_share(cycles: int, period: float, elapsed: float) -> float:
-    """The share of the cycles due in ``elapsed`` [s] that is missing if ``cycles`` were run."""
-    return max(0.0, 1.0 - cycles * period / elapsed)
+class Pace:
+    """The share of the cycles of the last RECENT seconds that was skipped."""
+
+    def __init__(self, period: float) -> None:
+        """Nothing has been run yet."""
+        self._period, self._marks = period, deque[tuple[float, int]]()
+
+    def skipped(self, t: float, cycles: int) -> float:
+        """The share that is missing at ``t`` [s], of those due since RECENT; 0 at the start.
+
+        Args:
+            t: by the clock, not before the last one.
+            cycles: that were run until then.
+        """
+        self._marks.append((t, cycles))
+        while len(self._marks) > 1 and self._marks[1][0] <= t - RECENT:
+            self._marks.popleft()
+        began, before = self._marks[0]
+        if t - began < 0.5 * RECENT:
+            return 0.0
+        return max(0.0, 1.0 - (cycles - before) * self._period / (t - began))
 
 
 class Deadlines:

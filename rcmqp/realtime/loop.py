@@ -32,8 +32,7 @@ from rcmqp.realtime.checks import (
 )
 from rcmqp.realtime.latency import Deadlines, Ticks
 from rcmqp.realtime.report import Asked, CycleRecorder, LoopReport, Notes, Stop
-from rcmqp.realtime.system import KeptSignals, time_waited
-from rcmqp.realtime.watchdog import LoopHung, Watchdog
+from rcmqp.realtime.system import KeptSignals, LoopHung, Watchdog, time_waited
 from rcmqp.references.view import Stamped
 
 BUSY = "the machine may be too busy: leave it a core, and run with real-time priority"

@@ -13,7 +13,7 @@ from rcmqp.realtime.checks import Halting, LoopFault, Robot, Watching
 from rcmqp.realtime.latency import Deadlines
 from rcmqp.realtime.loop import HOLD, WARM_UP, RealtimeLoop
 from rcmqp.realtime.report import CycleRecorder, LoopReport
-from rcmqp.realtime.watchdog import LoopHung
+from rcmqp.realtime.system import LoopHung
 from rcmqp.references.view import Stamped
 
 __all__ = [

@@ -1,7 +1,8 @@
-"""An arm's controller box in a process of its own: joint velocities in, joint states out, by UDP.
+"""Simulated arms: joints in the loop's process, and a controller box in a process of its own.
 
-It does what boxes of real arms do, at their own fixed rate: apply the newest command, send a
-state, keep an account. ``rcmqp.realtime.loopback`` starts it:
+The box takes joint velocities and gives joint states, by UDP. It does what boxes of real arms do,
+at their own fixed rate: apply the newest command, send a state, keep an account.
+``rcmqp.realtime.loopback`` starts it:
 
     python -m rcmqp.realtime.simulated_arm panda 0.001
 
@@ -14,6 +15,7 @@ drops and counts. It ends, with its account in a line of JSON, when its stdin cl
 from __future__ import annotations
 
 import json
+import math
 import os
 import select
 import socket
@@ -47,6 +49,33 @@ def insertion_of(arm: str) -> Insertion:
     It is a simulation: limits that are only assumed for the real arm are exact here.
     """
     return Insertion.on_shaft(load_arm(arm).confirmed(), Instrument(), depth=0.1)
+
+
+class SimulatedArm:
+    """Joints that go on by one period with each command.
+
+    So the arm's time is the loop's: on a busy computer it is slower than the clock, which the
+    loop's report counts, and no motion is lost.
+
+    Attributes:
+        sent_at: when the last command came, by the clock [s].
+    """
+
+    def __init__(self, insertion: Insertion, period: float) -> None:
+        """At rest, at the start."""
+        self._arm, self._period = insertion.arm, period
+        self._q, self._v = np.array(insertion.q_start), np.zeros(insertion.arm.nv)
+        self.sent_at = math.nan
+
+    def read(self) -> tuple[Array, Array]:
+        """Configuration q (nq,) and velocity v (nv,)."""
+        return self._q, self._v
+
+    def send(self, v: Array) -> None:
+        """Move at v (nv,) for a period."""
+        self._q = self._arm.integrate(self._q, v, self._period)
+        self._v = np.array(v)
+        self.sent_at = time.monotonic()
 
 
 @dataclass

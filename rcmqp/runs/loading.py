@@ -13,6 +13,7 @@ from typing import Any
 
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import absent, why
+from rcmqp.references.governor import Governor
 from rcmqp.references.operators import STEERED
 from rcmqp.references.paths import PATHS, Foreign
 from rcmqp.runs.head import Head, opened
@@ -125,6 +126,24 @@ def changed(
     if instrument is not None:
         scenario = with_instrument(scenario, instrument)
     return scenario if port is None else at_port(scenario, port)
+
+
+def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
+    """Collect the changes of a scenario for changed() that were given; None means no change.
+
+    Args:
+        governor: whether there is to be one.
+        changes: fields of Scenario.
+
+    Raises:
+        OptionError: the period is so long that it must be in ms.
+    """
+    given = {name: value for name, value in changes.items() if value is not None}
+    if (period := given.get("period", 0.0)) >= 0.5:
+        raise OptionError(
+            f"--period {period:g}: it is in s; {period:g} ms are --period {1e-3 * period:g}"
+        )
+    return given if governor is None else given | {"governor": Governor() if governor else None}
 
 
 def scenario_module(name: str) -> ModuleType:

@@ -12,12 +12,12 @@ from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import seen_by
 from rcmqp.references.paths.traces import TipTrace
-from rcmqp.references.recorded import Recorded
 from rcmqp.runs.scenario import Scenario
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.instrument import Instrument, vector3
 from rcmqp.world.motions import Breathing, Sampled, Sinusoid
 from rcmqp.world.port import Port
+from rcmqp.world.recorded import Recorded
 
 MOST_BESIDE = 15.0
 """How far a pose's z axis may be from the line through the trocar [deg].

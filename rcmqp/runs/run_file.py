@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
+import numpy as np
+
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.channels import NOT_IN_DIGEST, PART
 from rcmqp.runs.head import Column, Head, check_digest, opened
 from rcmqp.runs.run import Run, stored_channel, within
@@ -104,3 +108,16 @@ class RunFile:
     def column(self, name: str) -> Column:
         """See Recording."""
         return stored_channel(self._file, name)
+
+
+def where_largest(run: Recording, excess_of: Callable[[Run], Array]) -> tuple[int, int, str]:
+    """Indices of joint and cycle with the largest excess (n, nv), and their names as text."""
+    worst, joint, cycle, where, before = -math.inf, 0, 0, "", 0
+    for part in run.parts():
+        excess = excess_of(part)
+        row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        if excess[row, column] > worst:
+            worst, joint, cycle = excess[row, column], int(column), before + int(row)
+            where = f"{part.joints[column]} at {part.time[row]:.3f} s"
+        before += len(part.time)
+    return joint, cycle, where

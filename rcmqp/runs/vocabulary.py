@@ -7,7 +7,7 @@ hands are in rcmqp.experiments.study.vocabulary.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from rcmqp.runs.measures import Measure
 
@@ -354,6 +354,6 @@ MEASURES = {
 """Every measure of a run by name."""
 
 
-def meanings(names: Iterable[str], measures: Mapping[str, Measure] = MEASURES) -> dict[str, str]:
+def meanings(names: Iterable[str]) -> dict[str, str]:
     """Meanings of measures, by their short titles."""
-    return {measures[name].column: measures[name].meaning for name in names}
+    return {MEASURES[name].column: MEASURES[name].meaning for name in names}

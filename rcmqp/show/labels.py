@@ -1,70 +1,19 @@
-"""Labels and colours of runs, the settings of each, and remarks on why they differ."""
+"""Labels and colours of runs, and remarks on why they differ."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from rcmqp.controllers import CONTROLLERS
-from rcmqp.controllers.given import NOT_SAID
-from rcmqp.errors import PluginError, RcmqpError
-from rcmqp.references.paths.traces import TipTrace
-from rcmqp.runs.head import Head
+import numpy as np
+
+from rcmqp.maths.dualquaternion import Array
 from rcmqp.runs.run import Run
-from rcmqp.runs.vocabulary import MEASURES
-from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist
-from rcmqp.world.motions import Sampled
+from rcmqp.runs.setup import TOLD, given_cells, given_names, given_words, remark_of
+from rcmqp.world.arm import Arm
 
 if TYPE_CHECKING:
     from rcmqp.show.tables import Row
-
-
-DEFAULT = "default"
-"""Stands in a table for a run that has nothing of the kind."""
-
-
-def setup_text(head: Head) -> str:
-    """Instrument, recorded path and motion, and null-space objective, where not the defaults."""
-    scenario, parts = head.scenario, list[str]()
-    if instrument := ", ".join(_instrument(scenario.instrument)):
-        parts.append(f"instrument: {instrument}")
-    if isinstance(path := scenario.path, TipTrace):
-        parts.append(f"path: recorded, {len(path.times)} samples to {path.times[-1]:g} s")
-    if isinstance(motion := scenario.motion, Sampled):
-        parts.append(f"motion: recorded, {len(motion.times)} samples to {motion.times[-1]:g} s")
-    if head.given.objective:
-        parts.append(f"objective: {head.given.objective}")
-    return "; ".join(parts) or DEFAULT
-
-
-def _instrument(own: Instrument) -> Iterator[str]:
-    """Describe where an instrument differs from Instrument()."""
-    usual = Instrument()
-    for name in ("length", "radius", "mount_offset"):
-        if (value := getattr(own, name)) != getattr(usual, name):
-            yield f"{name.replace('_', ' ')} {1e3 * value:g} mm"
-    if own.mount != Mount():
-        xyz = " ".join(f"{1e3 * x:g}" for x in own.mount.xyz)
-        rpy = " ".join(f"{math.degrees(x):.4g}" for x in own.mount.rpy)
-        yield f"mounted at {xyz} mm, turned by {rpy} deg"
-    for name in ("field_of_view", "angle", "roll"):
-        if (value := getattr(own.camera, name)) != getattr(Camera(), name):
-            yield f"camera {name.replace('_', ' ')} {math.degrees(value):.4g} deg"
-    if own.wrist is not None:
-        yield _wrist(own.wrist)
-
-
-def _wrist(wrist: Wrist) -> str:
-    """How many joints, and which of their limits no source gives."""
-    assumed = [
-        name
-        for name in ("acceleration", "jerk")
-        if any(getattr(joint, name) is None for joint in wrist.joints)
-    ]
-    more = f" whose {' and '.join(assumed)} limits are assumed" if assumed else ""
-    return f"wrist of {len(wrist.joints)} joints{more}"
-
 
 COLOURS = (
     "#0072B2",
@@ -96,43 +45,6 @@ def dash(run: int) -> str:
 SPHERES = ((0.84, 0.37, 0.0), (0.94, 0.89, 0.26), (0.0, 0.62, 0.45), (0.0, 0.45, 0.70))
 """Of the camera task's objectives, in their order, red, green, blue from 0 to 1: four of Okabe
 and Ito's."""
-
-
-GIVEN = ("feed_forward", "roll", "limits_enforced", "period_ms", "gain", "assumed", "setup")
-"""Measures of given_cells(), in the order of columns."""
-
-TOLD = ("feed_forward", "gain", "velocity_limit", "velocity_limits", "objective")
-"""Options that given_cells() already tells."""
-
-
-def given_cells(head: Head) -> dict[str, str]:
-    """The settings of a run and its controller as texts, by the names in GIVEN."""
-    given = head.given
-    return {
-        "feed_forward": given.feed_forward_text,
-        "roll": given.roll_text,
-        "limits_enforced": given.limits_text,
-        "period_ms": f"{1e3 * head.scenario.period:g}",
-        "gain": given.gain_text,
-        "assumed": " and ".join(head.assumed) or "none",
-        "setup": setup_text(head),
-    }
-
-
-def given_names(cells: Iterable[Mapping[str, str]]) -> list[str]:
-    """Names in GIVEN that a table shows; ``setup`` only if a run differs from the defaults."""
-    set_up = any(each["setup"] not in ("", DEFAULT) for each in cells)
-    return [name for name in GIVEN if name != "setup" or set_up]
-
-
-def given_words(cells: Mapping[str, str]) -> dict[str, str]:
-    """The texts of given_cells() with their labels, for a legend or a caption."""
-    return {
-        name: f"{of.label} = {cells[name]} {of.unit}"
-        if of.unit and cells[name] != NOT_SAID
-        else f"{of.label}: {cells[name]}"
-        for name, of in ((name, MEASURES[name]) for name in given_names([cells]))
-    }
 
 
 def run_marks(runs: Sequence[Run]) -> tuple[list[str], list[list[str]]]:
@@ -188,20 +100,6 @@ def _all(texts: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def joint_units(head: Head) -> tuple[str, ...]:
-    """Unit of each joint's position, rad or m; rad of an arm that this machine does not have."""
-    try:
-        units = head.scenario.load_arm().joint_units
-    except RcmqpError:
-        units = ()
-    return units if len(units) == len(head.joints) else ("rad",) * len(head.joints)
-
-
-def unit_of(units: Iterable[str]) -> str:
-    """The unit of a number over several joints: each unit once, rad or m."""
-    return " or ".join(dict.fromkeys(units)) or "rad"
-
-
 FEED_FORWARD = (
     "feed-forward: without it a law does not know how fast reference and trocar move, and stays "
     "behind by about their speed / K. With it, and no limit in the way, what is left is about "
@@ -229,12 +127,18 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     if uncounted or len({row.limits_enforced for row in done}) > 1:
         texts.append(LIMITS)
     laws = dict.fromkeys(row.controller.partition(",")[0] for row in done)
-    return texts + [f"{law}: {remark}" for law in laws if (remark := _remark(law))]
+    return texts + [f"{law}: {remark}" for law in laws if (remark := remark_of(law))]
 
 
-def _remark(law: str) -> str:
-    """The remark of a controller's class; empty if this machine does not have it."""
-    try:
-        return CONTROLLERS[law].remark if law in CONTROLLERS else ""
-    except PluginError:
-        return ""
+def spans(arm: Arm, values: Array) -> str:
+    """Least to largest of a limit: of revolute joints in degrees, of prismatic ones in metres."""
+    slides = np.array([unit == "m" for unit in arm.joint_units])
+    turning, sliding = np.degrees(values[~slides]), values[slides]
+    texts = [_span(turning, ".0f")] if turning.size else []
+    texts += [f"{_span(sliding, '.3g')} m"] if sliding.size else []
+    return "; ".join(texts)
+
+
+def _span(values: Array, style: str) -> str:
+    low, high = (format(x, style).replace("inf", "endless") for x in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"

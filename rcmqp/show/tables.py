@@ -12,17 +12,17 @@ from rcmqp.runs.behaviour import log_dimensionless_jerk, sparc
 from rcmqp.runs.measures import until
 from rcmqp.runs.metrics import ROUNDING, compute_metrics
 from rcmqp.runs.run import Run
-from rcmqp.runs.vocabulary import MEASURES, meanings
-from rcmqp.show.labels import (
+from rcmqp.runs.setup import (
     GIVEN,
     TOLD,
     given_cells,
     given_names,
     given_words,
     joint_units,
-    remarks,
     unit_of,
 )
+from rcmqp.runs.vocabulary import MEASURES, meanings
+from rcmqp.show.labels import remarks
 from rcmqp.show.table import Table, definitions
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import absent, why
 from rcmqp.world.instrument import Camera, Instrument, Mount, Wrist, WristJoint
-from rcmqp.world.wrist_urdf import wrist_of_urdf
+from rcmqp.world.wrist import wrist_of_urdf
 
 PARTS: dict[str, type] = {"camera": Camera, "mount": Mount, "wrist": Wrist}
 """Tables of the file, and what each is made into."""

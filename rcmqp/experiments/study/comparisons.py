@@ -13,7 +13,7 @@ from rcmqp.experiments.study.outcome import Outcome
 from rcmqp.experiments.study.statistics import FEWEST, Effect, Summary, effect, summary
 from rcmqp.experiments.study.vocabulary import TRIALS
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.show.labels import GIVEN, given_names
+from rcmqp.runs.setup import GIVEN, given_names
 from rcmqp.show.table import Table
 from rcmqp.world.loading import arm_names, arm_title
 

@@ -234,9 +234,9 @@ def reproduce_b(
     return ExperimentB(performed, jump, table, factorial, text, files)
 
 
-def device_jump(law: Law, arm: str = "lwa3") -> Run:
-    """The scenario device_jump under a law, at the law's period."""
-    scenario = load_scenario("device_jump", arm, period=law.period)
+def device_jump(law: Law) -> Run:
+    """The scenario device_jump on the LWA3 under a law, at the law's period."""
+    scenario = load_scenario("device_jump", "lwa3", period=law.period)
     return simulate(scenario, law.controller(scenario))
 
 

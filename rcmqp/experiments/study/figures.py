@@ -22,7 +22,8 @@ from rcmqp.references.operators import GROUPS
 from rcmqp.references.view import view_pose
 from rcmqp.runs.metrics import BEHIND
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import SPHERES, given_words
+from rcmqp.runs.setup import given_words
+from rcmqp.show.labels import SPHERES
 from rcmqp.world.camera import Pinhole, camera_pose
 from rcmqp.world.obstacles import Sphere
 

@@ -152,8 +152,9 @@ def compare_hands(
     return HandComparison(recorded, model, table, figure, files)
 
 
-def model_hand(trial: CameraTrial, seed: int, period: float = 1.0 / RATE) -> HandTrace:
+def model_hand(trial: CameraTrial, seed: int) -> HandTrace:
     """The way of a simulated operator's hand, whose arm is where it is asked to be at once."""
+    period = 1.0 / RATE
     insertion = load_scenario("camera_task").insertion()
     asking, x = trial.start(insertion, period, seed), insertion.x_rcm
     times, positions = [], []

@@ -18,7 +18,7 @@ from rcmqp.references.paths import HandTrace, Search
 from rcmqp.runs.metrics import compute_metrics
 from rcmqp.runs.run import Run
 from rcmqp.runs.scenario import Scenario
-from rcmqp.show.labels import given_cells
+from rcmqp.runs.setup import given_cells
 from rcmqp.world.obstacles import clearance
 
 TRACE_TIME = 8e-3

@@ -286,3 +286,8 @@ def part_of_name(text: str) -> str:
         return text
     some = re.sub(r"[^\w.+-]", "", Path(text).stem)[:40]
     return f"{some}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def learning_of(practice: float | None) -> Learning | None:
+    """Make the Learning of --practice; None without it."""
+    return None if practice is None else Learning(practice)

@@ -187,6 +187,14 @@ class Folder:
         """The run of a participant's trial; the first has number 1."""
         return self.path / TRIALS / f"{checked_id(identifier)}-{number}.h5"
 
+    def forget_run(self, identifier: str, number: int) -> None:
+        """Remove the run of an older attempt, which must not stand for the one that begins.
+
+        Raises:
+            RunFileError: it cannot be removed.
+        """
+        remove(self.run_file(identifier, number))
+
     def notes(self, identifier: str, number: int) -> dict[str, Any] | None:
         """What is kept beside a run: condition, latencies, answers; None before its first attempt.
 

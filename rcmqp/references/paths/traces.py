@@ -14,10 +14,10 @@ import numpy as np
 from rcmqp.errors import OptionError
 from rcmqp.maths.options import options, part, rule
 from rcmqp.references.hand import Clutch, HandMapping
-from rcmqp.references.recorded import Recorded
 from rcmqp.references.view import ViewCommand, view_of_tip
 from rcmqp.world.instrument import Vector3
 from rcmqp.world.motions import Sampled, sample_positions, sample_times
+from rcmqp.world.recorded import Recorded
 
 
 def _engaged(name: str, values: Iterable[bool]) -> tuple[bool, ...]:

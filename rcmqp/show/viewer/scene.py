@@ -9,8 +9,10 @@ import numpy as np
 import pinocchio as pin
 import umsgpack
 
+from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import Shows
+from rcmqp.references.view import ViewCommand, view_of_tip, view_pose
 from rcmqp.runs.run import Run
 from rcmqp.show.labels import SPHERES
 from rcmqp.show.viewer.meshcat_ import SetTransform, TreePath
@@ -122,6 +124,21 @@ def spheres(run: Run, insertion: Insertion) -> list[Sphere]:
         Sphere(vector3("centre", centre), sphere.radius)
         for centre, sphere in zip(centres, asked, strict=True)
     ]
+
+
+def views(places: Sequence[Vector3], insertion: Insertion) -> list[list[float]]:
+    """The (4, 4) matrices that move the camera to some places, column after column.
+
+    From where it is at the start to where it is to be, without roll, in the world.
+
+    Args:
+        places: (m, 3) of the tip, seen from the trocar in the axes of x_d(0) [m].
+        insertion: the instrument in the patient.
+    """
+    start = dq.to_se3(view_pose(insertion.x_rcm, ViewCommand()).x_d)
+    asked = [view_of_tip(place, (0.0, 0.0, 0.0), insertion.tip_depth) for place in places]
+    poses = [dq.to_se3(view_pose(insertion.x_rcm, view).x_d) for view in asked]
+    return [_columns((pose * start.inverse()).homogeneous) for pose in poses]
 
 
 def _from_trocar(run: Run, insertion: Insertion, points: Sequence[Vector3]) -> Array:

@@ -80,21 +80,20 @@ def stopped(run: Run) -> Array:
     return np.column_stack([times[first], times[last] + run.period])
 
 
-def envelope(time: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
+def envelope(time: Array, values: Array) -> tuple[Array, Array]:
     """Fewer points of a curve, with every extreme: least and largest value of each bin.
 
     Args:
         time: (n,) rising.
         values: (n,).
-        bins: into how many stretches the curve is cut.
 
     Returns:
-        Time and value (m,) of the points kept, m <= 2 bins + 2; first and last are among them.
+        Time and value (m,) of the points kept, m <= 2 BINS + 2; first and last are among them.
     """
     n = values.size
-    if n <= 2 * bins:
+    if n <= 2 * BINS:
         return time, values
-    edges = np.linspace(0, n, bins + 1).astype(int)
+    edges = np.linspace(0, n, BINS + 1).astype(int)
     kept = {0, n - 1}
     missing = np.isnan(values)
     least, largest = np.where(missing, np.inf, values), np.where(missing, -np.inf, values)
