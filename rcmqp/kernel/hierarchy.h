@@ -14,11 +14,11 @@
 #include <stdint.h>
 
 /* Steps of a damped level inside bounds, see cascade.h. */
-enum { PROXIMAL = 3 };
+#define PROXIMAL 3
 
 /* Active sets that are remembered for each level: that of each step, made once and once more; a
  * strict level's is the first, and that of its damped answer the second. */
-enum { SETS = 2 * PROXIMAL };
+#define SETS (2 * PROXIMAL)
 
 /* Columns of `info`. */
 enum { ROUTE, ROUNDS, KKT, REACHED, COLUMNS };
