@@ -9,12 +9,12 @@ import pinocchio as pin
 import pytest
 from helpers import assert_allclose, derivative, random_placement, robot_toml
 from numpy.typing import ArrayLike
+from oracles.kinematics import kinematic_hessian
 from scipy.spatial.transform import Rotation
 
 from rcmqp import Arm, ArmState, load_arm
 from rcmqp.errors import FrameNotFound, InvalidCommand, JointLimitViolated, OptionError
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.world.arm import kinematic_hessian
 
 
 def along_joints(arm: Arm, q: Array, f: Callable[[ArmState], ArrayLike]) -> Array:

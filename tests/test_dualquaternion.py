@@ -58,6 +58,13 @@ def test_product_follows_hamiltons_rules(rule: str) -> None:
     assert np.array_equal(product, float(rule[3] + "1") * unit[rule[4]])
 
 
+def test_hamilton_operators_of_many_poses_are_those_of_each() -> None:
+    x = np.random.default_rng(3).normal(size=(2, 3, 8))
+    for operator in (dq.H8_plus, dq.H8_minus):
+        assert operator(x).shape == (2, 3, 8, 8)
+        assert np.array_equal(operator(x)[1, 2], operator(x[1, 2]))
+
+
 def test_products_are_those_of_complex_matrices() -> None:
     rng = np.random.default_rng(7)
     for _ in range(20):

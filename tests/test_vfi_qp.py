@@ -193,6 +193,7 @@ def test_vfi_qp_stops_by_name_where_limits_contradict_each_other() -> None:
     stopped = made("vfi_qp", insertion, velocity_limits=True).step(state, reference)
     assert np.array_equal(stopped.v, np.zeros(7))
     assert stopped.diagnostics["safe_stop"] == stopped.diagnostics["infeasible"] == 1.0
+    assert stopped.stop.startswith(f"{arm.joints[1]} too far beyond a position limit")
     assert made("vfi_qp", insertion).step(state, reference).diagnostics["safe_stop"] == 0.0
 
 

@@ -13,6 +13,8 @@ from scipy.optimize import lsq_linear
 
 from rcmqp import ArmState, Insertion, Reference
 from rcmqp.controllers.hierarchical_qp import default_limits
+from rcmqp.controllers.one_level import OneLevel
+from rcmqp.errors import OptionError
 from rcmqp.limits import combine
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import QP, HierarchySolution, Status, get_solver, solver_names
@@ -94,3 +96,9 @@ def test_weighted_qp_stops_by_name_where_hard_rows_cannot_all_hold() -> None:
         assert "exceeded by" in law.report(state, answer)
         stopped += 1
     assert 5 < stopped < 35
+
+
+def test_one_level_refuses_a_task_that_is_damped() -> None:
+    insertion = inserted("lwa3")
+    with pytest.raises(OptionError, match=r"^TipTask damped; .*damping=0\.0"):
+        OneLevel([TipTask(), RcmTask(damping=0.0)], [], insertion.arm, 1e-3, "active_set")

@@ -24,9 +24,19 @@ from wristed import (
     tool_by_hand,
 )
 
-from rcmqp import Instrument, Run, Scenario, load_arm, make_controller, simulate
+from rcmqp import (
+    Instrument,
+    Run,
+    Scenario,
+    ViewCommand,
+    load_arm,
+    make_controller,
+    simulate,
+    view_pose,
+)
 from rcmqp.controllers import CONTROLLERS
 from rcmqp.controllers.hierarchical_qp import default_limits
+from rcmqp.controllers.task_priority import manipulability
 from rcmqp.errors import InsertionError, OptionError, UnknownName
 from rcmqp.limits import JointLimits
 from rcmqp.maths import dualquaternion as dq
@@ -224,6 +234,13 @@ def test_obstacles_are_as_far_as_shaft_and_tool_are(helix: Run) -> None:
 def test_other_laws_refuse_a_wrist(name: str) -> None:
     with pytest.raises(OptionError, match=f"{name} is for .* fixed to the shaft; use hierarch"):
         make_controller(name, inserted("panda"), 1e-3)
+
+
+def test_manipulability_refuses_a_wrist() -> None:
+    insertion = inserted("panda", NEEDLE_DRIVER)
+    state = insertion.state(insertion.q_start)
+    with pytest.raises(OptionError, match=r"fixed to the shaft; this instrument has a wrist"):
+        manipulability(state, view_pose(insertion.x_rcm, ViewCommand()))
 
 
 def test_hands_and_camera_tasks_refuse_a_wrist() -> None:

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from rcmqp._kernel import Block
 from rcmqp.controllers.stack import Evaluated, Stack
+from rcmqp.errors import OptionError
 from rcmqp.limits import Limit
 from rcmqp.qp import HierarchySolution
 from rcmqp.references.view import Reference
@@ -58,8 +59,14 @@ class OneLevel:
             backend: see Hierarchy.
 
         Raises:
+            OptionError: a task is damped.
             OptionError, UnknownName, SolverNotInstalled: see Stack.
         """
+        if damped := [type(task).__name__ for task in tasks if task.speed_damping]:
+            raise OptionError(
+                f"{', '.join(damped)} damped; one level of weighted squares has no dampings: give "
+                "damping=0.0, and a Still task for what is to cost speed"
+            )
         self.stack = Stack(
             [Together(tuple(tasks))],
             limits,

@@ -30,6 +30,7 @@ from rcmqp import _kernel
 from rcmqp.controllers.base import Command, Controller
 from rcmqp.controllers.checks import at_rest, bounded_gain
 from rcmqp.controllers.pseudoinverse import in_order, inverse
+from rcmqp.errors import OptionError
 from rcmqp.maths.dualquaternion import Array, translation
 from rcmqp.maths.options import at_least, between, finite, options, positive, refused
 from rcmqp.references.view import STILL, Reference, cycle
@@ -94,7 +95,15 @@ def manipulability(state: ArmState, reference: Reference) -> tuple[float, Array]
 
     The gradient is built without dividing by m, so it is right at a singularity, too, where
     J^+ is not: there the direction that J has lost is what g points along.
+
+    Raises:
+        OptionError: the instrument has a wrist.
     """
+    if len(state.tool_at) > 1:
+        raise OptionError(
+            "the manipulability of RCM and tip is for a tool that is fixed to the shaft; this "
+            "instrument has a wrist"
+        )
     return _kernel.manipulability(*cycle(state, reference))
 
 

@@ -229,8 +229,9 @@ class VfiQP(Controller):
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """Solve the QP once."""
         reference = reference if self.feed_forward else at_rest(reference)
-        if self.velocity_limits and self._too_far(state):
-            return self.safe_stop(state, INFEASIBLE, {"infeasible": 1.0})
+        if self.velocity_limits and (joints := self._too_far(state)):
+            why = f"{', '.join(joints)} too far beyond a position limit to come back at its rate"
+            return self.safe_stop(state, why, {"infeasible": 1.0})
         row = self._sphere.evaluate(state, reference)
         given: Evaluated = [], [row], [(row.lower, row.upper, row.C, row.d)]
         solution, wrong = self._qp.solve(state, reference, given)
@@ -240,8 +241,10 @@ class VfiQP(Controller):
         slack = float(row.d[0] - row.C[0] @ solution.v)
         return Command.of(solution.v, {"infeasible": 0.0, "sphere_slack": slack}, solution)
 
-    def _too_far(self, state: ArmState) -> bool:
-        """Whether a joint is so far beyond a limit that it cannot come back at its rate."""
+    def _too_far(self, state: ArmState) -> list[str]:
+        """Joints so far beyond a limit that they cannot come back at their rate."""
         arm, way = self.insertion.arm, state.angles
         back = self._joint_rate * np.maximum(arm.lower - way, way - arm.upper)
-        return bool((back > arm.velocity).any())
+        if not (back > arm.velocity).any():
+            return []
+        return [name for name, far in zip(arm.joints, back > arm.velocity, strict=True) if far]

@@ -406,6 +406,19 @@ static Route answer(Search *search, int asks, double *set, double *y, double *la
     return used == 1 ? POLISHED : used > 0 ? ACTIVE_SET : UNVERIFIED;
 }
 
+/* The active set (N) of a step to try first: the remembered one, or, where the step before it had
+ * the same one and has found another since, that. `was` (N): what the step before remembered, and
+ * then what this one does. */
+static void recall(double *set, int step, double *was, int N)
+{
+    const size_t size = sizeof(double) * (size_t)N;
+    if (step > 0 && memcmp(set, was, size) == 0) {
+        memcpy(set, set - N, size);
+        return;
+    }
+    memcpy(was, set, size);
+}
+
 /* One level: move to its optimum, and keep A v from now on, exactly or as a damped level does.
  *
  * A damped level is made in `steps`, each from where the one before has led. sets (steps, N): the
@@ -417,7 +430,7 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
 {
     const size_t mark = arena->used;
     const int free = state->free, N = state->N, m = level->m, held = state->held;
-    double *y = take(arena, free), *lam = take(arena, N);
+    double *y = take(arena, free), *lam = take(arena, N), *was = take(arena, N);
     int *index = (int *)take(arena, N), *strong = (int *)take(arena, N), count = 0;
     Route route = CLOSED_FORM;
     Problem problem;
@@ -434,6 +447,7 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
                      take(arena, problem.k)};
     for (int step = 0; step < steps; ++step) {
         if (step > 0) count_from(&problem, y, still);
+        recall(sets + step * N, step, was, N);
         route = answer(&search, step == 0 && ways->propose != NULL, sets + step * N, y, lam, rounds,
                        arena);
         if (route == FAILED || (route == UNVERIFIED && !feasible(&problem, y))) goto done;

@@ -27,6 +27,9 @@
 /* A row joins a proposed working set if this much of it is new. */
 #define INDEPENDENT 1e-8
 
+/* A guess that exceeds bounds gets the one exceeded most, so many times. */
+#define MENDED 3
+
 /* Rows held at a bound. */
 typedef struct {
     int count;
@@ -126,6 +129,28 @@ static int proposes(const Face *face, const double *proposed, int k)
     return face->count == count;
 }
 
+/* The bound that y exceeds most, of rows that are independent of those held, and its side; or -1. */
+static int exceeded(const Problem *problem, const Face *face, const double *y, double *side)
+{
+    const int r = problem->r;
+    double most = 0.0;
+    int row = -1;
+    for (int i = 0; i < problem->k; ++i) {
+        const double *R = problem->R + i * r, Ry = dot(R, y, r);
+        const double above = Ry - problem->upper[i], below = problem->lower[i] - Ry;
+        if (!(larger(above, below) > most)) continue;
+        double left = 0.0;
+        for (int b = face->count; b < r; ++b) {
+            double part = 0.0;
+            for (int j = 0; j < r; ++j) part += R[j] * face->Q[j * r + b];
+            left += part * part;
+        }
+        if (!(left > INDEPENDENT)) continue;
+        most = larger(above, below), row = i, *side = above > below ? 1.0 : -1.0;
+    }
+    return row;
+}
+
 /* Hold an independent part of the proposal. */
 static void start_with(const Problem *problem, const double *proposed, const Face *face,
                        Working *working, Arena *arena)
@@ -198,9 +223,28 @@ static double cone_step(const Problem *problem, const double *y, const double *g
     return norm;
 }
 
+/* Whether M y = c to rounding, so that no bound is in the way. */
+static int reached(const Problem *problem, const double *y)
+{
+    const int r = problem->r;
+    for (int i = 0; i < problem->m; ++i) {
+        const double *row = problem->M + i * r;
+        double left = -problem->c[i], noise = problem->noise[i];
+        for (int j = 0; j < r; ++j) {
+            const double part = row[j] * y[j];
+            left += part, noise += EPS * fabs(part);
+        }
+        if (!(fabs(left) <= MULTIPLIER_TOL * noise)) return 0;
+    }
+    return 1;
+}
+
 /* The optimum y (r), feasible, and the multipliers (k) of M^T (M y - c) + R^T multipliers = 0,
  * positive at upper bounds; set (k) is a guess at the working set, and then the last one: 1 at
  * upper, -1 at lower bounds, 0.
+ *
+ * A row whose multiplier is rounding is let go, too, unless all is reached, but once only: light rows
+ * of M may be lost in the rounding of heavy ones.
  *
  * Returns the rounds it took, 1 if the guess was right at once; negative where they ran out. */
 int solve_level(const Problem *problem, int max_rounds, double *set, Face *face, double *y,
@@ -212,10 +256,12 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
     Working working = {0, (int *)take(arena, r), take(arena, k)};
     double *held = working.held, *near = take(arena, k), *left = take(arena, m);
     double *step = take(arena, r), *w = take(arena, r), *g = take(arena, r);
+    int *tried = (int *)take(arena, k);
     const double *L = face->L, *Q = face->Q;
     const int *order = face->order;
-    int stalls = 0, status = -max_rounds;
+    int stalls = 0, status = -max_rounds, guessed = 1;
     memset(held, 0, sizeof(double) * (size_t)k);
+    memset(tried, 0, sizeof(int) * (size_t)k);
     memset(y, 0, sizeof(double) * (size_t)r);
     memset(multipliers, 0, sizeof(double) * (size_t)k); /* rounds may run out first */
     start_with(problem, set, face, &working, arena);
@@ -235,11 +281,16 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
         for (int i = 0; i < m; ++i) left[i] = c[i] - dot(M + i * r, y, r);
         least_squares(&face->by, left, w);
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
-        if (turn == 0 && count > 0) {
+        if (guessed && count > 0) {
             advance(y, 1.0, step, r);
             if (feasible(problem, y)) {
+                guessed = 0;
                 memset(step, 0, sizeof(double) * (size_t)r);
+            } else if (guessed++ <= MENDED && (row = exceeded(problem, face, y, &side)) >= 0) {
+                working.rows[working.count++] = row, held[row] = side;
+                continue;
             } else { /* start from the way to it, without a working set */
+                guessed = 0;
                 memset(held, 0, sizeof(double) * (size_t)k);
                 memcpy(step, y, sizeof(double) * (size_t)r);
                 memset(y, 0, sizeof(double) * (size_t)r);
@@ -279,7 +330,7 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
         tol = MULTIPLIER_TOL * sqrt(tol);
         memset(multipliers, 0, sizeof(double) * (size_t)k);
         double worst = -tol;
-        int at = -1;
+        int at = -1, doubtful = -1;
         for (int a = count - 1; a >= 0; --a) {
             double total = 0.0;
             for (int j = 0; j < r; ++j) total -= Q[j * r + a] * g[j];
@@ -288,7 +339,10 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
             const int i = working.rows[order[a]];
             if (w[a] * held[i] > 0.0) multipliers[i] = w[a];
             if (w[a] * held[i] < worst) worst = w[a] * held[i], at = order[a];
+            if (w[a] * held[i] <= tol && !tried[i]) doubtful = order[a];
         }
+        if (at < 0 && doubtful >= 0 && !reached(problem, y))
+            at = doubtful, tried[working.rows[at]] = 1;
         if (at < 0) {
             status = turn + 1;
             break;

@@ -254,16 +254,16 @@ def power(x: ArrayLike, s: float) -> Array:
 
 
 def H8_plus(x: ArrayLike) -> Array:
-    """Hamilton operator (8, 8) of a left factor: vec(x y) = H8+(x) vec(y)."""
-    return np.asarray(np.asarray(x, dtype=float) @ _T8)
+    """Hamilton operator (..., 8, 8) of left factors x (..., 8): vec(x y) = H8+(x) vec(y)."""
+    return np.asarray((np.asarray(x, dtype=float)[..., None, None, :] @ _T8)[..., 0, :])
 
 
 def H8_minus(y: ArrayLike) -> Array:
-    """Hamilton operator (8, 8) of a right factor: vec(x y) = H8-(y) vec(x).
+    """Hamilton operator (..., 8, 8) of right factors y (..., 8): vec(x y) = H8-(y) vec(x).
 
     H-bar of equation (3).
     """
-    return np.asarray(_T8 @ np.asarray(y, dtype=float))
+    return np.asarray((_T8 @ np.asarray(y, dtype=float)[..., None, :, None])[..., 0])
 
 
 def align_sign(x: ArrayLike, like: ArrayLike) -> Array:

@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 
+from oracles.kinematics import kinematic_hessian
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.tasks.objectives import (
     JointCentring,
@@ -14,7 +15,7 @@ from rcmqp.tasks.objectives import (
     Objective,
     SingularityProduct,
 )
-from rcmqp.world.arm import ArmState, kinematic_hessian
+from rcmqp.world.arm import ArmState
 
 
 @functools.singledispatch

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from oracles.kinematics import kinematic_hessian
 from rcmqp import ArmState, Reference
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.world.arm import kinematic_hessian
 
 SINGULAR = 1e-12
 """Below this share of the largest, a singular value is taken for this when J^+ shows the way."""

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from oracles.desired import desired
+from oracles.kinematics import kinematic_hessian
 from oracles.objectives import value
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import C8
@@ -26,7 +27,7 @@ from rcmqp.tasks import (
     Task,
     TipTask,
 )
-from rcmqp.world.arm import ArmState, kinematic_hessian
+from rcmqp.world.arm import ArmState
 
 OPPOSITE = 1e-12
 """Below this w^2 + z^2 the shafts point apart and there is no roll between them."""
