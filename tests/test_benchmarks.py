@@ -14,6 +14,7 @@ FUZZ = Path(__file__).parent.parent / "benchmarks" / "fuzz.py"
 EXTENSIONS = Path(__file__).parent.parent / "benchmarks" / "extensions.py"
 SAFE_STOPS = Path(__file__).parent.parent / "benchmarks" / "safe_stops.py"
 RUN = Path(__file__).parent.parent / "benchmarks" / "run.py"
+LIMITS = Path(__file__).parent.parent / "benchmarks" / "limits.py"
 SIZES = Path(__file__).parent.parent / "benchmarks" / "sizes.py"
 REST = Path(__file__).parent.parent / "benchmarks" / "rest.py"
 CASES = ("dual_quaternion", "RCM > tip > posture", "pose > posture")
@@ -126,6 +127,19 @@ def test_rest_has_a_line_for_each_hard_view_and_each_controller_and_arm() -> Non
     ]
     assert [row[1:3] for row in drawn] == [["meka_a2", "1"]] * 2
     assert len(rows) == 6
+
+
+def test_limits_has_a_line_for_each_arm() -> None:
+    done = subprocess.run(
+        [sys.executable, LIMITS, "--duration", "0.3", "--arms", "lwa3", "ur5"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["lwa3", "ur5"]
+    assert all(float(row[1].rstrip("%")) > 50.0 and float(row[5]) > 1.0 for row in rows)
+    assert all(float(row[8]) >= float(row[7]) >= 1.0 for row in rows)
 
 
 def test_sizes_has_a_line_for_each_number_of_levels() -> None:
