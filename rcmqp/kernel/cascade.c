@@ -313,7 +313,7 @@ static void keep(State *state, const double *M, int m, double weight, const int 
                  Arena *arena)
 {
     const size_t mark = arena->used;
-    const int n = state->n, free = state->free;
+    const int free = state->free;
     double *B = take(arena, (m + count) * free);
     memcpy(B, M, sizeof(double) * (size_t)(m * free));
     for (int i = 0; i < count; ++i)
@@ -361,6 +361,13 @@ typedef struct {
     double *guess; /* (k) */
 } Search;
 
+static int any(const double *numbers, int count)
+{
+    for (int i = 0; i < count; ++i)
+        if (numbers[i] != 0.0) return 1;
+    return 0;
+}
+
 /* The optimum without bounds. */
 static void solve_open(Search *search, double *y)
 {
@@ -372,8 +379,8 @@ static void solve_open(Search *search, double *y)
     least_squares(open, problem->c, y);
 }
 
-/* The optimum y (free), its multipliers lam (k), and its active set (N), which is tried first; then
- * no bound at all; then what a backend proposes, if it is asked. */
+/* The optimum y (free) of a step, its multipliers lam (k), and its active set (N), which is tried
+ * first; then no bound at all; then what a backend proposes, if it is asked. */
 static Route answer(Search *search, int asks, double *set, double *y, double *lam, int *rounds,
                     Arena *arena)
 {
@@ -381,14 +388,12 @@ static Route answer(Search *search, int asks, double *set, double *y, double *la
     const Ways *ways = search->ways;
     const int k = problem->k, most = ways->max_rounds, *index = search->index;
     double *guess = search->guess;
-    int guessed = 0, used = 0;
-    for (int i = 0; i < k; ++i) {
-        guess[i] = set[index[i]];
-        if (guess[i] != 0.0) guessed = 1;
-    }
-    if (guessed)
+    int used = 0;
+    for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
+    if (any(guess, k))
         used = solve_level(problem, asks ? 1 : most, guess, &search->face, y, lam, arena);
-    if (used <= 0) { /* no guess, or one so bad that it cost digits */
+    if (used > 1 && !any(lam, k)) used = 0; /* by way of bounds that decide nothing: fewer digits */
+    if (used <= 0) { /* no guess, or one that was wrong, or so bad that it cost digits */
         solve_open(search, y);
         for (int i = 0; i < k; ++i) guess[i] = lam[i] = set[index[i]] = 0.0;
         if (search->open.rank >= 0 && feasible(problem, y)) return CLOSED_FORM;
@@ -400,6 +405,10 @@ static Route answer(Search *search, int asks, double *set, double *y, double *la
             memset(guess, 0, sizeof(double) * (size_t)k);
             used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         }
+    }
+    if (used < 0 && !feasible(problem, y)) { /* where the step began is */
+        memset(y, 0, sizeof(double) * (size_t)problem->r);
+        memset(lam, 0, sizeof(double) * (size_t)k);
     }
     for (int i = 0; i < k; ++i) set[index[i]] = guess[i];
     *rounds += used > 0 ? used : -used;
@@ -450,7 +459,7 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
         recall(sets + step * N, step, was, N);
         route = answer(&search, step == 0 && ways->propose != NULL, sets + step * N, y, lam, rounds,
                        arena);
-        if (route == FAILED || (route == UNVERIFIED && !feasible(&problem, y))) goto done;
+        if (route == FAILED) goto done;
         if (route == UNVERIFIED && step + 1 < steps) *doubt = 1;
     }
     move(state, y);

@@ -70,7 +70,7 @@
 /* Larger numbers overflow when squared: the level is left alone. */
 #define LARGEST 1e150
 
-/* How a level was answered; Route in qp/levels.py, in this order. FAILED, where a backend has raised,
+/* How a level was answered; Route in qp/levels.py, in this order. FAILED, where a backend raised,
  * ends it all. */
 typedef enum { CLOSED_FORM, POLISHED, ACTIVE_SET, UNVERIFIED, KEPT, FAILED } Route;
 

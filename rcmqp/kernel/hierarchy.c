@@ -268,7 +268,7 @@ static int closed_form(const Hierarchy *hierarchy, Descent *descent, Arena *aren
         memcpy(descent->damping + 1, hierarchy->damping,
                sizeof(double) * (size_t)hierarchy->levels);
     for (int i = n; i < N && !fits; ++i) /* out of the hard rows is no good place to start */
-        if (dot(open.G + i * n, open.v, n) > open.upper[i]) {
+        if (bounded(&open, open.v, i) > open.upper[i]) {
             memcpy(open.v, start, sizeof(double) * (size_t)n);
             break;
         }
@@ -326,13 +326,14 @@ static Route serve_rows(Work *work, const double *asked, int *rounds, Arena *are
                         multipliers, rounds, arena);
 }
 
-/* Level k in `steps`, with its active sets from `first` on, see descend(). */
-static Route serve(Work *work, const Level *level, int k, int steps, int first, int *rounds,
+/* Level k in `steps`, with its active sets from `first` on, see descend(); a backend is asked where
+ * the work has one, and `asks`. */
+static Route serve(Work *work, const Level *level, int k, int steps, int first, int asks, int *rounds,
                    Arena *arena)
 {
     Descent *descent = work->descent;
     const int square = descent->state.n * descent->state.n, N = descent->state.N;
-    const Ways ways = {work->hierarchy->max_rounds, work->propose, work->backend, k};
+    const Ways ways = {work->hierarchy->max_rounds, asks ? work->propose : NULL, work->backend, k};
     return descend(&descent->state, level, &ways, steps, work->sets + first * N,
                    descent->speeds + k * square, descent->stills + k * descent->state.n,
                    multipliers_of(work, k), rounds, &descent->doubts[k], arena);
@@ -348,13 +349,13 @@ static Route serve_strict(Work *work, int k, int *rounds, Arena *arena)
     for (int i = 0; i < n; ++i) at[i] = state->v[i] + descent->offsets[(k - 1) * n + i];
     give_way(work->hierarchy, descent, at, k);
     Level level = level_of(work->hierarchy, descent, descent->aim, k);
-    const Route route = serve(work, &level, k, 1, 0, rounds, arena);
+    const Route route = serve(work, &level, k, 1, 0, 1, rounds, arena);
     const double left = missing(&level, state->v, n) * descent->unit;
     if (route >= KEPT || !unreached(work->hierarchy, &level, k, left)) return route;
     level.damping = descent->damping[k] = unreached_damping(left);
     go_back(descent, work->before, k);
     memset(multipliers_of(work, k), 0, sizeof(double) * (size_t)N);
-    const Route damped = serve(work, &level, k, 1, 1, rounds, arena);
+    const Route damped = serve(work, &level, k, 1, 1, 0, rounds, arena);
     keep_exactly(state, &level, descent->helds[k], arena);
     return damped;
 }
@@ -380,7 +381,7 @@ static Route approach_open(Work *work, Level *level, int k, int first, int *roun
     const double share = inside(descent);
     for (int i = 0; i < n; ++i) from[i] = share * descent->open[i];
     level->from = from;
-    return serve(work, level, k, PROXIMAL, first, rounds, arena);
+    return serve(work, level, k, PROXIMAL, first, 1, rounds, arena);
 }
 
 /* Weight of what bounds keep from a damped level [rad/s]: zero up to KEPT_FROM, one at HELD_BACK

@@ -15,7 +15,8 @@
 /* A shorter step is no progress [unit of v]. */
 #define STALL 1e-15
 
-/* No bound is met on a shorter step to the optimum on the working set: it is rounding. */
+/* A bound that is met on a shorter step to the optimum on the working set does not join it: the
+ * step is rounding. */
 #define ARRIVED 1e-12
 
 /* Of the rows that a step meets within this, the one met fastest counts (Harris's ratio test). */

@@ -66,12 +66,12 @@ class Hierarchy:
     A strict level below damped ones asks for less, b / (1 + m / 0.003), where these are not
     served, with m^2 = sum_j |A_j v - b_j|^2 / d_j^2.
 
-    First all levels are tried in closed form. If a bound is in the way, levels go one by one;
-    where one is blocked, the active set of the last call is tried, and if it is not right at
-    once, the backend solves the level as a QP. Its active set, too, is only a proposal, whose
-    optimum is computed in closed form and verified, and repaired where it fails. So v does not
-    depend on the backend or its tolerance, only the time does, and neither does it depend on
-    earlier calls beyond rounding.
+    First all levels are tried in closed form. If a bound is in the way, levels go one by one.
+    Each step of a level tries its active set of the last call; if that is wrong, no bound at all;
+    then, in its first step, a backend solves the level as a QP. Its active set, too, is only a
+    proposal, whose optimum is computed in closed form and verified, and repaired where it fails.
+    So v depends on the backend, its tolerance and earlier calls by rounding only, which levels of
+    badly scaled or nearly dependent rows make larger; the time depends on them.
 
     The KKT residual of each level is computed at its optimum from the problem's own numbers:
     stationarity, signs, complementarity, feasibility, each relative to the size of the terms
@@ -96,7 +96,7 @@ class Hierarchy:
             raise OptionError(f"max_rounds is {max_rounds}, it must be from 1 to 10000")
         self._options = _DEFAULTS.get(backend, {}) | options
         self._solvers: list[QPSolver] = []
-        self._sets: dict[tuple[int, int], Array] = {}
+        self._sets = np.zeros((0, _kernel.SETS, 0))
         self._verdicts: dict[int, Status] = {}
         if backend == "active_set":
             if options:
@@ -110,7 +110,7 @@ class Hierarchy:
 
     def reset(self) -> None:
         """Forget warm starts: the next answers are those of a new object, bit by bit."""
-        self._sets.clear()
+        self._sets.fill(0.0)
         for solver in self._solvers:
             solver.reset()
 
@@ -158,12 +158,16 @@ class Hierarchy:
         return HierarchySolution(v, bounds.names, answer, names, self.verdicts())
 
     def active_sets(self, levels: int, bounds: int) -> Array:
-        """The last active sets (levels + 1, SETS, bounds); zero where none was needed yet."""
-        sets = self._sets.get((levels, bounds))
-        if sets is None:
-            sets = np.zeros((levels + 1, _kernel.SETS, bounds))
-            self._sets[levels, bounds] = sets
-        return sets
+        """The last active sets (levels + 1, SETS, bounds); zero after another size, or reset().
+
+        Args:
+            levels: with the rest.
+            bounds: of the box and hard rows.
+        """
+        shape = levels + 1, _kernel.SETS, bounds
+        if self._sets.shape != shape:
+            self._sets = np.zeros(shape)
+        return self._sets
 
     @property
     def asks(self) -> Callable[..., Array] | None:

@@ -110,7 +110,7 @@ class Route(enum.Enum):
     CLOSED_FORM = "closed form"
     """No bound is in the way. Exact."""
     POLISHED = "polished"
-    """The active set of the backend, or of the last cycle, was right: verified. Exact."""
+    """The active set of the last cycle, or the backend's, was right at once. Exact."""
     ACTIVE_SET = "active set"
     """Own active-set rounds found the optimum. Exact."""
     UNVERIFIED = "unverified"
@@ -139,7 +139,8 @@ class LevelResult:
             left of b. So an exact level may have a large residual.
         multipliers: (n + m,) of box and hard rows at this level, in the rows' own units,
             positive at upper bounds: what they keep the level from. Zero for the rest.
-        rounds: active-set rounds spent after the backend.
+        rounds: of the active set, in all steps of the level; without those of a guess that was
+            given up.
         backend: the backend's verdict, None if it was not asked.
     """
 
