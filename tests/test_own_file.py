@@ -193,9 +193,10 @@ def test_a_file_of_several_laws_wants_one_named() -> None:
     ("text", "said"),
     [
         ("x = 1", "one controller, and has none: write a dataclass"),
-        ("import nosuch_module", "bad.py cannot be run: ModuleNotFoundError"),
-        ("raise ValueError('no')", "bad.py cannot be run: ValueError: no"),
-        ("raise SystemExit", "bad.py cannot be run: SystemExit"),
+        ("import nosuch_module", "bad.py, line 1: ModuleNotFoundError"),
+        ("\n\nraise ValueError('no')", "bad.py, line 3: ValueError: no"),
+        ("x = 1\ny = = 2", "bad.py, line 2: SyntaxError: invalid syntax"),
+        ("raise SystemExit", "bad.py, line 1: SystemExit"),
         (
             TWO.split("@dataclass(frozen=True, eq=False)\nclass Stiller")[0].replace(
                 "Still", "Damped"

@@ -127,7 +127,7 @@ class ArmFile:
 
 
 def read_arm_file(path: Path, robots: Path) -> ArmFile:
-    """Read an arm's file; with ``like``, what it does not say is that of a registered arm.
+    """Read an arm's file; with ``like``, keys that it leaves out come from a registered arm.
 
     Args:
         path: the file.

@@ -270,5 +270,5 @@ def file_of(setting: str) -> str:
     """FILE.py or FILE.py:CLASS of a setting, without options."""
     found = FILE_SETTING.fullmatch(setting)
     if found is None:
-        raise OptionError(f"{setting} is no file of a controller; give FILE.py or FILE.py:CLASS")
+        raise OptionError(f"{setting} is not a controller's file; give FILE.py or FILE.py:CLASS")
     return found["file"] + (f":{found['name']}" if found["name"] else "")
