@@ -96,7 +96,7 @@ class Law(_Law):
         """The inverse of to_json(); the controller need not be known here.
 
         Raises:
-            OptionError: the name is no word, or the period is not allowed.
+            OptionError: the name is not a word, or the period is not allowed.
         """
         name, period, options = json.loads(text)
         if not (isinstance(name, str) and re.fullmatch(r"\w{1,100}", name)):
