@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import rcmqp
-from rcmqp.controllers import HierarchicalQP
-from rcmqp.limits import Constraint, JointLimits, Limit
+from rcmqp.controllers import HierarchicalQP, default_limits
+from rcmqp.limits import Constraint, Limit
 from rcmqp.references.paths import ViewMoves
 
 
@@ -35,7 +35,7 @@ def main(picture: str = "06_your_own_limit.png", duration: float = 3.0) -> None:
     path = ViewMoves(views=((0.0, 0.0, 0.0, 0.04),), move=1.0)
     scenario = rcmqp.load_scenario("view_steps", "panda", path=path, duration=duration)
     insertion, T = scenario.insertion(), scenario.period
-    usual = [JointLimits(insertion.arm, T)]
+    usual = default_limits(insertion, T)
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
     for name, limits in {"free": usual, "gentle": [*usual, GentleInsertion(speed=0.02)]}.items():

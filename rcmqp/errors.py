@@ -58,7 +58,8 @@ class UnknownName(RcmqpError, LookupError):
         files = [f"{name}{end}" for end in FILES.get(kind, ()) if name.isidentifier()]
         if there := [file for file in files if os.path.isfile(file)]:
             hint = f"; there is a file {there[0]}: give that"
-        super().__init__(f"unknown {kind} {name!r:.80}{hint} (known: {_some(self.known)})")
+        end = "; or give the path of a URDF, with --flange FRAME" if kind == "arm" else ""
+        super().__init__(f"unknown {kind} {name!r:.80}{hint} (known: {_some(self.known)}){end}")
 
 
 def _some(names: list[str]) -> str:

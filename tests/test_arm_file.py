@@ -182,7 +182,7 @@ WRONG = {
         'urdf = "r.urdf"\n[flange]\nframe = "l7"\n[rail]\naxis = [0, 1, 0]',
         r"\[rail\] has no lower",
     ),
-    "unknown arm": ('like = "lwa4"', "unknown arm 'lwa4'; did you mean lwa3"),
+    "unknown arm": ('like = "lwa4"', "unknown arm for like 'lwa4'; did you mean lwa3"),
     "both": ('like = "lwa3"\nurdf = "r.urdf"', "has both urdf and like"),
     "no folder": (
         'urdf = "r.urdf"\npackages = ["meshes"]\n[flange]\nframe = "l7"',

@@ -323,11 +323,14 @@ def test_a_scenario_file_of_ones_own_runs(call: Call, tmp_path: Path) -> None:
     for content, message in (
         ("", "has no function scenario"),
         ("scenario = 5", "has no function scenario(arm, *, flange=None)"),
-        ("def scenario(): pass", "has no function scenario(arm, *, flange=None)"),
+        ("def scenario(): pass", "or its scenario() takes other arguments"),
         ("def scenario(arm): pass", "has no function scenario(arm, *, flange=None)"),
-        ("def scenario(arm, *, flange=None): 1 / 0", "cannot be run: ZeroDivisionError: division"),
-        ("def scenario(arm, *, flange=None): load", "cannot be run: NameError: name 'load'"),
-        ("import nonesuch", "cannot be run: ModuleNotFoundError"),
+        (
+            "def scenario(arm, *, flange=None): 1 / 0",
+            "mine.py, line 1: ZeroDivisionError: division",
+        ),
+        ("def scenario(arm, *, flange=None): load", "mine.py, line 1: NameError: name 'load'"),
+        ("\nimport nonesuch", "mine.py, line 2: ModuleNotFoundError"),
         ("def scenario(arm='', *, flange=None): return 5", "returned int, it must be a Scenario"),
     ):
         file.write_text(content)

@@ -130,3 +130,12 @@ def test_a_file_keeps_what_was_given_and_an_earlier_one_does_not_say(tmp_path: P
         del file.attrs["given"]
         file.attrs["digest"] = dataclasses.replace(run, given=UNKNOWN).digest
     assert Run.load(tmp_path / "run.h5").given == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[1]", "null", "{", "{}", '{"limits": 5}', '{"limits": [[1]]}', '{"limits": ["x", 1]}'],
+)
+def test_what_to_json_does_not_write_is_a_value_error(text: str) -> None:
+    with pytest.raises(ValueError, match=r"not what to_json|limits|Expecting"):
+        Given.from_json(text)

@@ -331,3 +331,27 @@ def test_braking_early_before_a_position_limit_keeps_the_shaft_on_the_trocar() -
         assert compute_metrics(run).limit_margin_min_rad > -1e-12
     assert most[1.0] > 1e-3
     assert most[JointLimits.braking] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"levels": RcmTask()},
+            r"levels must be a list of tasks, such as \[RcmTask\(\), TipTask\(",
+        ),
+        ({"levels": "rcm"}, r"levels must be a list of tasks"),
+        ({"limits": 3}, r"limits must be a list of limits"),
+        (
+            {"levels": [RcmTask(), [TipTask(), RollTask()]]},
+            r"for several tasks on one level, add them: TipTask\(\) \+ RollTask\(\)",
+        ),
+        ({"limits": [RcmTask()]}, r"is not a Limit; levels are tasks, limits are limits"),
+    ],
+)
+def test_levels_and_limits_that_are_no_lists_say_what_to_give(
+    options: dict[str, Any], said: str
+) -> None:
+    scenario = load_scenario("conical_helix", "lwa3")
+    with pytest.raises(OptionError, match=said):
+        HierarchicalQP(scenario.insertion(), scenario.period, **options)

@@ -107,7 +107,8 @@ def test_an_unknown_arm_is_answered_with_the_nearest_name() -> None:
     with pytest.raises(UnknownName, match=r"unknown arm 'lwa4'; did you mean lwa3\?") as caught:
         load_arm("lwa4")
     assert caught.value.known == arm_names()
-    with pytest.raises(UnknownName, match=r"unknown arm 'qqq' \(known: .*panda"):
+    said = r"unknown arm 'qqq' \(known: .*panda.*\); or give the path of a URDF, with --flange F"
+    with pytest.raises(UnknownName, match=said):
         load_arm("qqq")
 
 

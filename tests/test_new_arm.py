@@ -95,7 +95,7 @@ IS = {"tilted": _tilted, "ceiling": _ceiling, "on_rail": _on_rail, "psm": _psm}
         ("law mine --set gain=3", "--set is of an arm's file; a law is changed in its own file"),
         ("arm mine --set like", "--set like: give a key and a value, such as like=ur5"),
         ("arm mine --set like=ur5 --set like=ur10", "--set like is there twice"),
-        ("arm mine --set like=ur55", "unknown arm 'ur55'; did you mean ur5"),
+        ("arm mine --set like=ur55", "unknown arm for like 'ur55'; did you mean ur5"),
         ("arm mine --set like=ur5 --set floor=1", "unknown key in mine.toml 'floor'"),
         ("arm mine --set like=ur5 --set a.b.c=1", "unknown key in mine.toml"),
     ],

@@ -32,6 +32,13 @@ class Stiller(Still):
     pass
 """
 
+PLAIN = """
+class Mine(Controller):
+    gain: float = 1.0
+    def _step(self, state, reference):
+        return Command(np.zeros(state.angles.size))
+"""
+
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,6 +100,35 @@ def test_new_writes_over_nothing_and_wants_a_name(capsys: pytest.CaptureFixture[
     for name in ("3x", "../x", "class", "a b", "", "_", "__"):
         assert call("new", "law", name) == 1
         assert "letters, digits and underscores" in capsys.readouterr().err
+
+
+def test_new_takes_controller_as_another_word_for_law(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("new", "controller", "my_own") == 0
+    assert "class MyOwn(Controller):" in Path("my_own.py").read_text()
+    assert call("new", "controller", "hierarchical_qp") == 1
+    assert "a controller that is there already" in capsys.readouterr().err
+    assert call("new", "robot", "mine") == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "unknown kind of file 'robot' (known: arm, controller, law, scenario)" in said
+    assert "Value error" not in said
+
+
+def test_an_annotation_without_a_dataclass_is_explained(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("mine.py").write_text(TWO.partition("@dataclass")[0] + PLAIN)
+    said = "Mine has the annotation gain, but is not a dataclass, so gain is not an option of it"
+    for given in (
+        ["mine.py", "--gain", "30"],
+        ["mine.py:gain=30"],
+        ["mine.py", "--set", "gain=3"],
+    ):
+        assert call("run", "circle", "-c", *given) == 1
+        error = " ".join(capsys.readouterr().err.split())
+        assert f"{said}: write @dataclass(frozen=True, eq=False) above the class" in error
+    assert call("compare", "-s", "circle", "-c", "mine.py", "--set", "gain=3", "-o", "c") == 1
+    assert said in " ".join(capsys.readouterr().err.split())
+    del CONTROLLERS["mine"]
 
 
 @pytest.mark.parametrize(
@@ -157,9 +193,10 @@ def test_a_file_of_several_laws_wants_one_named() -> None:
     ("text", "said"),
     [
         ("x = 1", "one controller, and has none: write a dataclass"),
-        ("import nosuch_module", "bad.py cannot be run: ModuleNotFoundError"),
-        ("raise ValueError('no')", "bad.py cannot be run: ValueError: no"),
-        ("raise SystemExit", "bad.py cannot be run: SystemExit"),
+        ("import nosuch_module", "bad.py, line 1: ModuleNotFoundError"),
+        ("\n\nraise ValueError('no')", "bad.py, line 3: ValueError: no"),
+        ("x = 1\ny = = 2", "bad.py, line 2: SyntaxError: invalid syntax"),
+        ("raise SystemExit", "bad.py, line 1: SystemExit"),
         (
             TWO.split("@dataclass(frozen=True, eq=False)\nclass Stiller")[0].replace(
                 "Still", "Damped"

@@ -300,4 +300,4 @@ def test_a_start_that_touches_itself_is_said_where_the_arm_stays() -> None:
 
 def test_a_period_in_milliseconds_is_questioned(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_cli(*RUN, "--period", "8") == 1
-    assert "8 ms are --period 0.008" in capsys.readouterr().err
+    assert "(--period) is in s; 8 ms are 0.008" in capsys.readouterr().err

@@ -221,6 +221,15 @@ def test_a_truncated_file_is_refused(share: float, saved: Path) -> None:
         Run.load(saved)
 
 
+def test_a_file_that_is_cut_short_says_how_many_bytes_it_has(saved: Path) -> None:
+    content = saved.read_bytes()
+    half = len(content) // 2
+    saved.write_bytes(content[:half])
+    said = f"cut short, it has {half} of {len(content)} bytes; copy it again, or run the scenario"
+    with pytest.raises(RunFileError, match=said):
+        Run.load(saved)
+
+
 @every_dataset
 def test_a_flipped_bit_in_any_dataset_is_noticed(name: str, saved: Path) -> None:
     with h5py.File(saved, "r") as file:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -16,6 +17,7 @@ from rcmqp import (
     Insertion,
     Instrument,
     Reference,
+    compute_metrics,
     load_arm,
     load_scenario,
     make_controller,
@@ -25,6 +27,7 @@ from rcmqp.controllers import DualQuaternion, HierarchicalQP
 from rcmqp.errors import InsertionError, InvalidCommand, OptionError
 from rcmqp.qp import InvalidProblem
 from rcmqp.references.paths import ConicalHelix
+from rcmqp.runs.simulate import record
 from rcmqp.tasks import RcmTask, Residual, Task
 from rcmqp.world.obstacles import Sphere
 
@@ -34,6 +37,29 @@ def test_a_controller_for_another_period_is_refused() -> None:
     controller = make_controller("dual_quaternion", scenario.insertion(), 2e-3)
     with pytest.raises(OptionError, match=r"period of 0\.002 s, the scenario has 0\.001 s"):
         simulate(scenario, controller)
+
+
+def test_exchanged_arguments_are_named(tmp_path: Path) -> None:
+    scenario = load_scenario("conical_helix", duration=0.1)
+    controller: Any = make_controller("damped", scenario.insertion(), scenario.period)
+    swapped: Any = scenario
+    with pytest.raises(OptionError, match=r"the arguments are exchanged; call simulate\(\)"):
+        simulate(controller, swapped)
+    with pytest.raises(OptionError, match=r"the arguments are exchanged; call record\(\)"):
+        record(controller, swapped, tmp_path / "run.h5")
+
+
+def test_metrics_of_a_path_say_how_to_load_it() -> None:
+    path: Any = "a.h5"
+    with pytest.raises(OptionError, match=r"a\.h5 is a path; give a Run: Run\.load\(path\)"):
+        compute_metrics(path)
+
+
+def test_a_controller_made_for_a_scenario_asks_for_its_insertion() -> None:
+    scenario: Any = load_scenario("conical_helix", duration=0.1)
+    said = r"make_controller\(\) needs an Insertion, got a Scenario; give scenario\.insertion\(\)"
+    with pytest.raises(OptionError, match=said):
+        make_controller("damped", scenario, 1e-3)
 
 
 @pytest.mark.parametrize("change", ["trocar", "instrument", "obstacles", "angles_start", "arm"])

@@ -279,7 +279,7 @@ def test_a_law_of_ones_own_is_kept_and_a_changed_one_is_refused(
     ]
     with pytest.raises(OptionError, match=r"not run: give it again, with -c my_own_law\.py:MyOwn"):
         kept.with_files(None, [])
-    with pytest.raises(OptionError, match="gain=20 is no controller of this study"):
+    with pytest.raises(OptionError, match="gain=20 is not a controller of this study"):
         kept.with_files(None, ["my_own_law.py:MyOwnLaw:gain=20"])
     kept = kept.with_files(None, ["./my_own_law.py"])
     assert [kept.setting(law) for law in kept.laws] == ["./my_own_law.py", "hierarchical_qp"]
@@ -426,7 +426,7 @@ def test_instructions_stay_text_on_a_page(tmp_path: Path) -> None:
         ({"consent": False}, "consent"),
         ({"games": 4}, "whole number 0 to 3"),
         ({"games": True}, "whole number"),
-        ({"name": "Ada"}, "asked was"),
+        ({"name": "Ada"}, "the questions are"),
     ],
 )
 def test_answers_before_that_are_not_allowed_are_refused(

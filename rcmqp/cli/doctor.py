@@ -104,7 +104,7 @@ def _packages() -> Iterator[Finding]:
 
 
 def _numbers(version: str) -> list[int]:
-    """The numbers that a version begins with, to compare."""
+    """The first three numbers of a version, to compare versions with."""
     return [int(number) for number in re.findall(r"\d+", version.partition("+")[0])[:3]]
 
 

@@ -17,7 +17,7 @@ import typer
 
 from rcmqp.cli import console
 from rcmqp.controllers import CONTROLLERS
-from rcmqp.errors import OptionError, RcmqpError
+from rcmqp.errors import OptionError, RcmqpError, UnknownName
 from rcmqp.files import check_writable, write_text
 from rcmqp.runs.loading import scenario_names
 from rcmqp.world.loading import arm_names, load_arm
@@ -118,15 +118,25 @@ LENGTHS = (0.16, 0.18, 0.2, 0.2, 0.2, 0.19, 0.08)
 
 
 class Kind(StrEnum):
-    """What there are templates of."""
+    """The kinds of file that ``rcmqp new`` writes."""
 
     law = "law"
     scenario = "scenario"
     arm = "arm"
 
 
+KINDS = {**{kind.value: kind for kind in Kind}, "controller": Kind.law}
+"""The words for a kind on the command line; a controller is a law."""
+
+
 def new(
-    kind: Annotated[Kind, typer.Argument(help="law, scenario or arm.")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="law (or controller, which is the same), scenario or arm.",
+            autocompletion=lambda: [*KINDS],
+        ),
+    ],
     name: Annotated[str, typer.Argument(help="Of the files to write, such as my_law.")],
     settings: Annotated[
         list[str] | None,
@@ -149,6 +159,17 @@ def new(
       rcmqp new arm my_robot
 
       rcmqp new arm ceiling --set like=lwa3 --set 'base.xyz=[0,0,2]' --set 'base.rpy=[3.1416,0,0]'
+    """
+    if kind not in KINDS:
+        raise UnknownName("kind of file", kind, KINDS)
+    _write(KINDS[kind], name, settings or [])
+
+
+def _write(kind: Kind, name: str, settings: Sequence[str]) -> None:
+    """Write the files of one kind.
+
+    Raises:
+        RcmqpError: the name or a setting is not allowed, or a file is there already.
     """
     title = "".join(word.capitalize() for word in name.split("_"))
     if not name.isidentifier() or keyword.iskeyword(name) or not title.isidentifier():
@@ -222,7 +243,7 @@ def _arm_file(settings: Sequence[str]) -> str:
 
 
 def _check_arm(file: Path) -> None:
-    """Load the arm that was written; take the file away where it is none.
+    """Load the arm that was written; remove the file if that fails.
 
     Raises:
         RcmqpError: it cannot be loaded.

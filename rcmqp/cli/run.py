@@ -36,8 +36,8 @@ def run(
         typer.Option(
             "--arm",
             "-a",
-            help="Name (see rcmqp arms), or the path of an arm's .toml or of a URDF; lwa3 without "
-            "it.",
+            help="Name (see rcmqp arms), or the path of an arm's .toml or of a URDF; the "
+            "scenario's own without it.",
         ),
     ] = None,
     controller: Annotated[

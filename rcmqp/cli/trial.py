@@ -77,7 +77,7 @@ def trial(
         bool, typer.Option("--no-open", help="Do not open the page in a browser.")
     ] = False,
 ) -> None:
-    """Lead a participant through experiment B: questions, practice, tasks, in a browser.
+    """Lead a participant through experiment B in a browser: questions, practice, tasks.
 
     For example,
 
@@ -89,14 +89,14 @@ def trial(
 
       rcmqp trial -c my_law.py --out study   the same, if a law is your own
 
-      rcmqp trial --out study --id P03   who broke off goes on
+      rcmqp trial --out study --id P03   a participant who broke off goes on
 
       rcmqp trial --out study --delete P03
 
       rcmqp study study                  tables of what was done
 
     The order of the controllers is counterbalanced. All files stay in the folder; the page is
-    reached from this machine only. Ends with exit code 1 where the participant broke off.
+    reached from this machine only. The exit code is 1 if the participant broke off.
     """
     from rcmqp.experiments.trial.people import Folder, checked_id
 

@@ -48,14 +48,21 @@ def make_controller(name: str, insertion: Insertion, period: float, **options: A
     Raises:
         UnknownName: the controller is not known, or does not have the option.
         PluginError: it is a plug-in's, which cannot be used.
-        OptionError: an option's value is not allowed, or the class goes by another name.
+        OptionError: an option's value is not allowed, the class goes by another name, or
+            ``insertion`` is something else, such as a scenario.
     """
+    if not isinstance(insertion, Insertion):
+        hint = "; give scenario.insertion()" if hasattr(insertion, "insertion") else ""
+        raise OptionError(
+            f"make_controller() needs an Insertion, got a {type(insertion).__name__}{hint}"
+        )
     name = name.replace("-", "_")
     if name not in CONTROLLERS:
         raise UnknownName("controller", name, CONTROLLERS)
     known = controller_options(name)
     for option in options:
         if option not in known:
+            check_is_dataclass(name, option)
             raise UnknownName(f"option of {name}", option, known)
     kind = CONTROLLERS[name]
     if kind.name != name:
@@ -64,6 +71,23 @@ def make_controller(name: str, insertion: Insertion, period: float, **options: A
             f"{kind.name!r}; add it under that name, or give it name = {name!r}"
         )
     return kind(insertion, period, **options)
+
+
+def check_is_dataclass(name: str, option: str) -> None:
+    """Refuse an unknown option that a controller annotates without being a dataclass.
+
+    Raises:
+        OptionError: the decorator is missing.
+    """
+    for kind in CONTROLLERS[name].__mro__:
+        annotations = vars(kind).get("__annotations__", {})
+        plain = "__dataclass_fields__" not in vars(kind)
+        if plain and "ClassVar" not in str(annotations.get(option, "ClassVar")):
+            raise OptionError(
+                f"{kind.__name__} has the annotation {option}, but is not a dataclass, so "
+                f"{option} is not an option of it: write @dataclass(frozen=True, eq=False) above "
+                "the class"
+            )
 
 
 def controller_options(name: str) -> dict[str, Any]:

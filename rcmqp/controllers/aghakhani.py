@@ -23,7 +23,7 @@ class ShaftParameter:
     """The state of the law.
 
     Attributes:
-        value: lambda at the next step; None where that step is to start from the projection.
+        value: lambda at the next step; None if that step starts from the projection.
     """
 
     __slots__ = ("value",)
@@ -34,7 +34,7 @@ class ShaftParameter:
 
 @dataclass(frozen=True, eq=False)
 class Aghakhani(Controller):
-    """RCM and tip at one priority, with the place of the trocar on the shaft as an unknown.
+    """RCM and tip at the same priority; where the trocar is on the shaft is an unknown, too.
 
     N. Aghakhani, M. Geravand, N. Shahriari, M. Vendittelli and G. Oriolo, "Task control with
     remote center of motion constraint for minimally invasive robotic surgery", ICRA 2013. With

@@ -302,12 +302,12 @@ class Controller(abc.ABC):
         diagnostics: Mapping[str, float] | None = None,
         account: object | None = None,
     ) -> Command:
-        """The named safe stop, see Brake, with the reason for it.
+        """Return the safe stop, see Brake, as a Command with the reason.
 
         Args:
             state: of the arm.
-            reason: in a few words, the same ones each time.
-            diagnostics: what is known in spite of it; the others of the controller are NaN.
+            reason: a few words, always the same for the same reason.
+            diagnostics: those that are known; the controller's others become NaN.
             account: as in Command.
         """
         numbers = dict.fromkeys(self.diagnostics, math.nan) | dict(diagnostics or {})

@@ -80,14 +80,18 @@ class Given:
         Raises:
             ValueError: a value is not one that to_json() writes.
         """
-        data = json.loads(text)
-        limits = data.pop("limits")
-        given = cls(**data, limits=None if limits is None else tuple(limits))
+        try:
+            data = json.loads(text)
+            limits = data.pop("limits")
+            given = cls(**data, limits=None if limits is None else tuple(limits))
+            unknown = set(given.limits or ()) - set(JOINT_LIMITS)
+        except (AttributeError, KeyError, TypeError, RecursionError) as error:
+            raise ValueError(f"not what to_json() writes: {error}") from error
         for name, value in (("feed_forward", given.feed_forward), ("roll", given.roll)):
             if not (value is None or isinstance(value, bool)):
                 raise ValueError(f"{name} = {value!r:.50} must be true or false")
-        if unknown := set(given.limits or ()) - set(JOINT_LIMITS):
-            raise ValueError(f"limits: {sorted(unknown)[0]!r:.50} is none of {JOINT_LIMITS}")
+        if unknown:
+            raise ValueError(f"limits: {min(unknown, key=str)!r:.50} is not one of {JOINT_LIMITS}")
         for name, text in (("way", given.way), ("objective", given.objective)):
             if not isinstance(text, str) or len(text) > 1000:
                 raise ValueError(f"{name} must be a text of 1000 letters at most")

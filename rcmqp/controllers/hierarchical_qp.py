@@ -100,8 +100,8 @@ class HierarchicalQP(Controller):
             error at zero, see kernel/approach.c; 0 approaches in proportion, and overshoots.
         backend: ``active_set``, the hierarchy's own, has the shortest worst step; ``proxqp``,
             ``daqp`` or any solver of qpsolvers propose active sets to it: the answer is the same.
-        levels: tasks, the first the most important; only from Python.
-        limits: only from Python.
+        levels: tasks, the first the most important; replaces default_levels(); only from Python.
+        limits: replaces default_limits(); only from Python.
     """
 
     name: ClassVar[str] = "hierarchical_qp"
@@ -126,6 +126,8 @@ class HierarchicalQP(Controller):
             SolverNotInstalled: the backend's package is missing.
         """
         super().__post_init__()
+        _check_list("levels", self.levels, "tasks, such as [RcmTask(), TipTask()]")
+        _check_list("limits", self.limits, "limits")
         if self.levels is not None and not len(self.levels):
             raise OptionError(
                 "levels is empty; give at least one task, or None for the usual ones"
@@ -134,8 +136,11 @@ class HierarchicalQP(Controller):
             for item in items or ():
                 if not isinstance(item, kinds):
                     wanted = " or ".join(kind.__name__ for kind in kinds)
-                    raise OptionError(f"{item!r} is no {wanted}; levels are tasks, limits limits")
-        _ = self._stack  # made now, so that what is wrong is told now
+                    hint = "levels are tasks, limits are limits"
+                    if isinstance(item, list | tuple) and Task in kinds:
+                        hint = "for several tasks on one level, add them: TipTask() + RollTask()"
+                    raise OptionError(f"{item!r:.80} is not a {wanted}; {hint}")
+        _ = self._stack  # made now, so that errors in it are raised now
 
     def default_levels(self) -> Sequence[LevelOfTasks]:
         """The levels unless ``levels`` gives others; a law of one's own may return its own."""
@@ -221,6 +226,16 @@ def _diagnostics(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:
             name, turn = f"{level.name}_{turn}_residual", turn + 1
         found[name] = unit, f"|A v - b| of the rows of {level.name}"
     return found | NUMBERS
+
+
+def _check_list(name: str, items: object, what: str) -> None:
+    """Refuse an option that is neither None nor a list.
+
+    Raises:
+        OptionError: it is something else, such as one task.
+    """
+    if items is not None and (isinstance(items, str) or not isinstance(items, Sequence)):
+        raise OptionError(f"{name} must be a list of {what}; got {items!r:.80}")
 
 
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:

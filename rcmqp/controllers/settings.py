@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from rcmqp.controllers import CONTROLLERS, Controller, controller_options
+from rcmqp.controllers import CONTROLLERS, Controller, check_is_dataclass, controller_options
 from rcmqp.controllers.given import LAW_FILE
 from rcmqp.errors import OptionError, UnknownName
 from rcmqp.world.plugins import module_of_file
@@ -118,8 +118,11 @@ def with_options(settings: Sequence[str], more: Sequence[str]) -> list[str]:
     for text in more:
         name = text.partition("=")[0]
         if not any(name in options for options in known):
-            laws = ", ".join(dict.fromkeys(controller_of(setting)[0] for setting in settings))
-            raise UnknownName(f"option of {laws}", name, {x for each in known for x in each})
+            laws = dict.fromkeys(controller_of(setting)[0] for setting in settings)
+            for law in laws:
+                check_is_dataclass(law, name)
+            what = f"option of {', '.join(laws)}"
+            raise UnknownName(what, name, {x for each in known for x in each})
     complete = []
     for setting, options in zip(settings, known, strict=True):
         name, _, given = setting.partition(":")
@@ -148,6 +151,7 @@ def options_of(controller: str, settings: Sequence[str]) -> dict[str, Any]:
         if option in given and option not in defaults:
             raise OptionError(f"{setting}: {option} of {name} can be given only from Python")
         if option not in defaults:
+            check_is_dataclass(name, option)
             raise UnknownName(f"option of {name}", option, defaults)
         if option in options:
             raise OptionError(f"{setting}: {option} is given twice")

@@ -127,12 +127,12 @@ class Stack:
     def step(
         self, state: ArmState, reference: Reference, evaluated: Evaluated | None = None
     ) -> tuple[Array, dict[str, float], HierarchySolution]:
-        """The lexicographic optimum (nv,), what is recorded of it, and its account.
+        """Solve one step; return the joint velocity (nv,), numbers to record, and the solution.
 
         Args:
             state: of the arm.
             reference: what the tasks are asked for.
-            evaluated: what tasks and limits that are written in Python give, where it is known.
+            evaluated: the rows of tasks and limits in Python, if they are evaluated already.
 
         Raises:
             InvalidProblem: what a task or a limit in Python gives is not usable.

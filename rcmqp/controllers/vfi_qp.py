@@ -59,7 +59,7 @@ class JointRows(CompiledLimit):
 
     @functools.cached_property
     def block(self) -> Block:
-        """The box."""
+        """The compiled box: limits of position and speed, none of acceleration and jerk."""
         free = np.full(self.speed.size, np.inf)
         others = dict.fromkeys(("acceleration", "jerk", "braking", "easing"), free)
         own = {"lowest": self.lower, "highest": self.upper, "velocity": self.speed}

@@ -43,7 +43,7 @@ def batch(
             with joblib.parallel_config(), such as Dask's, is used.
 
     Raises:
-        OptionError: ``jobs`` is no number of processes; before any piece is done.
+        OptionError: ``jobs`` is not a number of processes; raised before any piece is done.
     """
     check_jobs(jobs)
     parallel = Parallel(
@@ -72,10 +72,10 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def check_jobs(jobs: int) -> None:
-    """Find out whether there can be that many processes.
+    """Check a number of processes.
 
     Raises:
-        OptionError: ``jobs`` is no number of processes.
+        OptionError: ``jobs`` is not a number of processes.
     """
     if not isinstance(jobs, int) or jobs == 0:
         raise OptionError(f"jobs = {jobs!r}, a whole number of processes, or -1 for every core")

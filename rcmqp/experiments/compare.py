@@ -233,7 +233,7 @@ def _check_own(case: Case, file: Path) -> None:
 
 
 def _kind(law: str) -> type[Controller] | None:
-    """The class of a controller; None if there is none to use, which run_case() finds again."""
+    """The class of a controller; None if it cannot be used, which run_case() reports."""
     try:
         return CONTROLLERS.get(law)
     except PluginError:

@@ -193,7 +193,7 @@ async def _serve_sitting(
 
 
 async def _served(console: Console, listener: socket.socket) -> tuple[Server, asyncio.Task[None]]:
-    """A server that has begun to serve, and its end; Ctrl-C lets it leave."""
+    """Start a server; return it and the task that ends with it. Ctrl-C ends it."""
     server = Server(console.app)
     console.listen()
     for number in ENDING:

@@ -18,16 +18,16 @@ MOST = 300
 
 @dataclass
 class Counts:
-    """What came from pages, and what was dropped.
+    """How many messages of pages were passed on, and how many were dropped, by the reason.
 
     Attributes:
-        hands: messages of the operator's hand that were let through to the loop.
-        lost: of these and of the hands of pages that went, those that the loop did not take.
-        malformed: not a message of ours.
-        huge: longer than LONGEST letters.
-        too_many: beyond MOST in a second.
-        stale: older than STALE, or older than one that came before.
-        watching: of a hand that does not steer.
+        hands: messages of the operator's hand that were passed on to the loop.
+        lost: of these, and of the messages when a page closed, those that the loop did not take.
+        malformed: messages that rcmqp's pages do not send.
+        huge: messages longer than LONGEST letters.
+        too_many: messages beyond MOST in a second.
+        stale: messages older than STALE, or older than one that came before.
+        watching: messages of a page that does not steer.
         foreign: connections from a page of another origin, or to a name that is not ours.
         wrong_token: requests and connections without the token.
     """
@@ -134,7 +134,7 @@ class Desk:
         return hand._replace(at=min(hand.at, now), operator=self._changes)
 
     def take(self, visitor: Visitor) -> bool:
-        """Let a visitor steer, if nobody does; whether this one steers now."""
+        """Let a visitor steer if nobody does; return whether this one steers now."""
         if self.operator is None:
             self.operator = visitor
             self._changes += 1

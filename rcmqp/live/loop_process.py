@@ -55,7 +55,7 @@ class LoopProcess:
             self._process.stdin.flush()
 
     def stop(self) -> None:
-        """Bring the arm to rest, and end."""
+        """Ask the loop to bring the arm to rest and to end; do not wait for it."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.close()
@@ -65,7 +65,7 @@ class LoopProcess:
         self._process.kill()
 
     def last_words(self) -> dict[str, Any]:
-        """Wait for the loop's end; what it says of itself."""
+        """Wait for the loop's end, and return its report."""
         return self._line()
 
     def _line(self) -> dict[str, Any]:

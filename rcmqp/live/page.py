@@ -21,7 +21,6 @@ from rcmqp.runs.scenario import Scenario
 from rcmqp.runs.simulate import simulate
 from rcmqp.show.viewer.build import asset, framed, library, page_data
 from rcmqp.show.viewer.bundle import bundled
-from rcmqp.show.viewer.scene import views
 from rcmqp.world.insertion import Insertion
 from rcmqp.world.loading import arm_title
 
@@ -61,7 +60,9 @@ def start_data(scenario: Scenario, controller: str, options: dict[str, Any]) -> 
 
 def task_words(task: Search, insertion: Insertion) -> dict[str, Any]:
     """What the page of a task needs to know of it."""
-    return {"views": views(task.places, insertion), "instructions": task.instructions}
+    from rcmqp.show.viewer.scene import camera_moves  # meshcat takes long to import
+
+    return {"views": camera_moves(task.places, insertion), "instructions": task.instructions}
 
 
 def before_page(consent: str) -> str:

@@ -66,14 +66,14 @@ class Server(uvicorn.Server):
 
 
 class Console:
-    """Pages on one side, the loop on the other.
+    """The console's server: it passes hands from pages to the loop, and states back to pages.
 
     Attributes:
         page: HTML, what a page shows from its next load on.
-        said: is called with what a participant of a trial says.
+        said: a function that is called with each answer of a participant of a trial.
         desk: who steers, and what was dropped.
-        drawn: from a state that was sent to its picture, as the pages say.
-        devices: what held the hand, of messages.DEVICES; may be cleared.
+        drawn: latency from sending a state to its picture, as the pages report it.
+        devices: those of messages.DEVICES that steered so far; may be cleared.
         ended: why the loop ended; None while it runs.
     """
 

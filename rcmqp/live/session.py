@@ -135,12 +135,12 @@ class Session:
             pass
 
     def latency(self) -> dict[str, list[float]]:
-        """Median, p95 and p99 [s]."""
+        """Latency of ``input`` and ``state``, each as quantiles() gives it."""
         return {"input": quantiles(self.input.latency()), "state": quantiles(self.state.latency())}
 
 
 def quantiles(latency: Latency) -> list[float]:
-    """Median, p95 and p99 [s], and how many there were."""
+    """Median, p95 and p99 [s], and the number of values."""
     return [*(latency.quantile(share) for share in (0.5, 0.95, 0.99)), latency.total]
 
 

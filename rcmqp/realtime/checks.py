@@ -70,7 +70,11 @@ class Watching(Protocol):
 
 
 class LoopFault(RcmqpError):
-    """A reference is too old, or a command too late, too fast or too abrupt, to be followed."""
+    """The real-time loop cannot go on.
+
+    A reference is too old, a reading is impossible, the robot does not stand with the shaft in the
+    trocar, or a command is too late or beyond the limits.
+    """
 
 
 def as_reading(answer: object, arm: Arm) -> tuple[Array, Array]:

@@ -173,9 +173,9 @@ class Ticks(Deadlines):
 
     @property
     def skipped(self) -> int:
-        """Whole periods from the first cycle to the end of the last one that had no cycle.
+        """How many cycles are missing: the whole periods that went by, less the cycles.
 
-        Many cycles that are a little late make up whole periods, too.
+        The delays of many cycles that are a little late add up to whole periods, too.
         """
         return max(0, math.floor(self.due / self.period + 1e-6) - self.cycles)
 

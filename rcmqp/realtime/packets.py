@@ -145,9 +145,9 @@ class Numbers:
         self._seen = 0  # bit k: highest - k has come
 
     def place(self, number: int) -> Literal["newer", "older", "again"]:
-        """Note a number: newer than all, older and not seen, or seen already.
+        """Record a number; say if it is newer than all, older but not seen yet, or seen again.
 
-        One that is more than WINDOW below the newest counts as seen.
+        A number that is WINDOW or more below the newest counts as seen.
         """
         ahead = number - self.highest
         if ahead > 0:

@@ -257,7 +257,7 @@ class LoopReport:
         return "\n".join(table.markdown() for table in self.tables()).rstrip()
 
     def __rich__(self) -> Table:
-        """For rich's print()."""
+        """The first table, for rich's print()."""
         return self.tables()[0]
 
 

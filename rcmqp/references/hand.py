@@ -1,7 +1,7 @@
-"""Haptic devices: from where a hand holds the handle to the view asked for.
+"""Haptic devices: turn the position of the handle into the view that is asked for.
 
-Whatever reads a handle, a recorded trace, a model of an operator or a driver, gives a
-DeviceState a cycle; a HandView makes a ViewCommand of each.
+A recorded trace, a model of an operator or the driver of a device gives one DeviceState in each
+cycle; a HandView turns it into a ViewCommand.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class HandMapping:
         )
 
     def way(self, p: Vector3, tip_depth: float) -> Vector3:
-        """The hand's way (3,) [m] that brings the tip to ``p``; inverse of view().
+        """How far (3,) [m] the hand must move to bring the tip to ``p``; inverse of view().
 
         Args:
             p: (3,) tip seen from the trocar, in the axes of x_d(0) [m]; p[2] > 0.
@@ -251,7 +251,7 @@ ACCELERATIONS = (2.5, 2.5, 5.0, 0.25)
 
 
 class Viscous:
-    """A device's viscosity B, emulated for a device that takes no forces.
+    """Emulate a device's viscosity B on a device that cannot render forces.
 
     A hand that pulls with stiffness K at a handle in a fluid of viscosity B moves it by
     B x_dot = K (x_hand - x): a first-order filter with the time constant tau = B / K. Each

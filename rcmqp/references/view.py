@@ -79,11 +79,11 @@ STILL.setflags(write=False)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stamped:
-    """A reference, and when it was made.
+    """A reference with the time at which it was made.
 
     Attributes:
         reference: what the controller is told.
-        at: the time that it is for, from the start of the loop [s].
+        at: the time at which the reference was made, counted from the start of the loop [s].
     """
 
     reference: Reference

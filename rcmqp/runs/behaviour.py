@@ -154,14 +154,15 @@ def streaks(turned: Array, before: Array) -> Array:
 
 
 def growth(distance: Array, least: float = math.inf) -> tuple[float, float]:
-    """By how much a distance (m,) grows again after it was least, and what its least was.
+    """By how much a distance (m,) grows again after its minimum, and that minimum.
 
     Args:
         distance: not negative, [m].
-        least: of the distances that came before.
+        least: minimum of the distances that came before.
 
     Returns:
-        max_k (d_k - min_(j <= k) d_j), 0 for a distance that never grows; and min(least, d).
+        max_k (d_k - min(least, min_(j <= k) d_j)), 0 for a distance that never grows; and
+        min(least, min_k d_k).
     """
     if not distance.size:
         return 0.0, least

@@ -131,13 +131,13 @@ class Cycles:
         versions: Mapping[str, str],
         size: int = PART,
     ) -> None:
-        """Before the first cycle.
+        """Prepare a record that has no cycles yet.
 
         Args:
             scenario: what is run.
             controller: made for it.
             versions: of Python and packages, see simulate.versions().
-            size: cycles that there is room for.
+            size: the most cycles that it can hold.
         """
         arm = controller.insertion.arm
         self._scenario, self._controller, self._versions = scenario, controller, dict(versions)

@@ -23,7 +23,7 @@ from rcmqp.runs.untrusted import MOST_TEXT
 from rcmqp.world.arm_limits import ArmLimits
 from rcmqp.world.instrument import Instrument
 from rcmqp.world.loading import arm_names
-from rcmqp.world.plugins import distribution, load, module_of_file, points
+from rcmqp.world.plugins import cannot_run, distribution, load, module_of_file, points
 from rcmqp.world.port import Port
 
 RUN_FILE = ".h5"
@@ -78,7 +78,10 @@ def load_scenario(
     if name.endswith((".json", RUN_FILE)):
         scenario = _read(Path(name))
         if arm is not None or flange is not None:
-            raise OptionError(f"{name} has its own arm, {scenario.arm}; leave --arm out")
+            raise OptionError(
+                f"{name} has its own arm, {scenario.arm}; leave arm and flange out (--arm, "
+                "--flange)"
+            )
     else:
         if arm is not None and arm not in arm_names() and Path(arm).is_file():
             arm = str(Path(arm).resolve())
@@ -88,7 +91,7 @@ def load_scenario(
         except RcmqpError:
             raise
         except Exception as error:
-            raise OptionError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
+            raise OptionError(cannot_run(name, error, module.__file__)) from error
         if not isinstance(scenario, Scenario):
             raise OptionError(
                 f"{name}: scenario() returned {type(scenario).__name__}, it must be a Scenario"
@@ -141,7 +144,7 @@ def scenario_changes(governor: bool | None, **changes: Any) -> dict[str, Any]:
     given = {name: value for name, value in changes.items() if value is not None}
     if (period := given.get("period", 0.0)) >= 0.5:
         raise OptionError(
-            f"--period {period:g}: it is in s; {period:g} ms are --period {1e-3 * period:g}"
+            f"period = {period:g} (--period) is in s; {period:g} ms are {1e-3 * period:g}"
         )
     return given if governor is None else given | {"governor": Governor() if governor else None}
 
@@ -171,7 +174,8 @@ def _checked(name: str, module: ModuleType) -> ModuleType:
         inspect.signature(module.scenario).bind("an arm", flange=None)
     except (AttributeError, TypeError, ValueError) as error:
         raise OptionError(
-            f"{name} has no function scenario(arm, *, flange=None), or it is called otherwise"
+            f"{name} has no function scenario(arm, *, flange=None), or its scenario() takes other "
+            "arguments"
         ) from error
     return module
 

@@ -145,14 +145,14 @@ class LoopRecorder:
         *,
         follows: ViewPath | None = None,
     ) -> None:
-        """Check that the file can be written; nothing is written yet.
+        """Prepare a record; check that the file can be written, but write nothing yet.
 
         Args:
             path: of the file; a run's file that is there is replaced at the end.
             controller: that the loop runs.
             name: what to call the scenario.
-            follows: the scenario's path, which says what there is to be seen; without it only the
-                poses asked for are known.
+            follows: the path that the loop follows, for its targets and spheres; without it the
+                record has only the poses that were asked for.
 
         Raises:
             RunFileError: the file cannot be written.

@@ -55,7 +55,7 @@ class Measure:
         return self.row_of(self.how)
 
     def row_of(self, how: str) -> str:
-        """The long title for another number than ``how``, such as the largest of many trials."""
+        """The long title with the unit, with this ``how`` in place of the measure's own."""
         return self._with_unit(f"{self.label}, {how}" if how else self.label)
 
     def text(self, value: float | str | None, style: str = "") -> str:

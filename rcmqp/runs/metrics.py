@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmqp import _kernel
+from rcmqp.errors import OptionError
 from rcmqp.maths import dualquaternion as dq
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.operators import Steered
@@ -206,7 +208,13 @@ class Metrics:
 
 
 def compute_metrics(run: Recording) -> Metrics:
-    """Sum up a run, or a run's file, a part at a time: the same numbers to the bit."""
+    """Sum up a run, or a run's file, a part at a time: the same numbers to the bit.
+
+    Raises:
+        OptionError: ``run`` is the path of a file.
+    """
+    if isinstance(run, str | os.PathLike):
+        raise OptionError(f"{run} is a path; give a Run: Run.load(path)")
     contour = Contour(run)
     found: defaultdict[str, Extent] = defaultdict(Extent)
     asked: defaultdict[str, Extent] = defaultdict(Extent)

@@ -30,7 +30,7 @@ CREEP, GENTLE = 1e-3, 1.0
 
 
 def at_port(scenario: Scenario, port: Port) -> Scenario:
-    """The scenario at this port; what it has in the patient goes along with the shaft.
+    """Move the scenario to this port; what is in the patient moves with the shaft.
 
     Obstacles, and the direction in which the trocar moves, keep their places as seen from the
     shaft at the start. A recorded motion of the trocar, which is in the world's axes, stays.

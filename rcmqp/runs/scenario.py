@@ -263,7 +263,7 @@ class Scenario:
         return dataclasses.replace(self, arm=own_name(self.arm))
 
     def insertion(self) -> Insertion:
-        """Load the arm and put the instrument in.
+        """Load the arm, and return it with the instrument in the trocar.
 
         Raises:
             RcmqpError: the arm cannot be loaded, or things do not fit together.

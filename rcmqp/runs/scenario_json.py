@@ -129,7 +129,7 @@ def kind_of(name: str, value: object) -> str | None:
 
 
 def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant:.50} is no number that a scenario could use")
+    raise ValueError(f"{constant:.50} is not a number that a scenario can use")
 
 
 def _whole(digits: str) -> int:

@@ -43,11 +43,13 @@ def simulate(
         progress: called now and then with the number of cycles done since the last call.
 
     Raises:
-        OptionError: the controller was made for another period or another insertion.
+        OptionError: the controller was made for another period or another insertion, or the
+            arguments are exchanged.
         InvalidProblem: an error, such as a task or a limit of a wrong shape, keeps the
             controller from its first step.
         RcmqpError: whatever the path or the controller refuses.
     """
+    _check_order("simulate", scenario, controller)
     return Run.joined(parts(scenario, controller, progress), scenario.cycles)
 
 
@@ -72,6 +74,7 @@ def record(
         RunFileError: the file cannot be written.
         RcmqpError: as simulate() does.
     """
+    _check_order("record", scenario, controller)
     with Recorder(path, scenario, controller, versions()) as recorder:
         for part in parts(scenario, controller, progress):
             recorder.write(part)
@@ -168,6 +171,14 @@ def _check_possible(first: Command) -> None:
     if error is not None:
         reason = str(error) if isinstance(error, InvalidProblem) else first.stop
         raise InvalidProblem(f"the controller cannot make a single step: {reason}") from error
+
+
+def _check_order(function: str, scenario: object, controller: object) -> None:
+    if isinstance(scenario, Controller) and isinstance(controller, Scenario):
+        raise OptionError(
+            f"the arguments are exchanged; call {function}() with the scenario first, then the "
+            "controller"
+        )
 
 
 def _check_made_for(scenario: Scenario, controller: Controller) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import unicodedata
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -67,6 +68,9 @@ MOST_CHUNK = 1 << 24
 DAMAGED = "damaged"
 """How the reason begins why a damaged file is not read."""
 
+CUT_SHORT = re.compile(r"truncated file: eof = (\d+),.* stored_eof = (\d+)")
+"""What HDF5 says of a file that is shorter than its head says: its bytes, and how many it had."""
+
 
 @contextlib.contextmanager
 def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
@@ -82,6 +86,12 @@ def reading(path: str | os.PathLike[str], part: str) -> Iterator[None]:
     except RunFileError:
         raise
     except Exception as error:
+        if found := CUT_SHORT.search(str(error)):
+            raise RunFileError(
+                Path(path),
+                f"{DAMAGED}: cut short, it has {found[1]} of {found[2]} bytes; copy it again, or "
+                "run the scenario again if the original is cut short, too",
+            ) from error
         reason = str(error) if isinstance(error, RcmqpError | OSError) else _said(error)
         raise RunFileError(
             Path(path), f"{DAMAGED}, the run must be made again: {part}: {shortened(reason, 500)}"
@@ -133,7 +143,7 @@ class StoredRows:
             good |= np.isnan(found)
         if not good.all():
             wrong = float(found[~good].flat[0])
-            raise ValueError(f"{wrong:g} is no number that is possible there")
+            raise ValueError(f"{wrong:g} is not possible there")
         if self._allow == "rising" and not (np.diff(found) > 0.0).all():
             raise ValueError("the clock goes back")
 
@@ -173,7 +183,7 @@ def datasets(
                     if kind == "Group" and not prefix and name in folders:
                         continue
                     if kind != "Dataset":
-                        raise RunFileError(path, f"{prefix}{name} is a {kind}, no dataset")
+                        raise RunFileError(path, f"{prefix}{name} is a {kind}, not a dataset")
                     dataset = group[f"{prefix}{name}"]
                     if f"{prefix}{name}" in texts:
                         _check_text(path, dataset)
@@ -279,7 +289,7 @@ def text(path: Path, name: str, value: Any) -> str:
         kind = type(value).__name__
         raise RunFileError(path, f"damaged: {name} is {kind}, it must be a text, not too long")
     if not value.isascii() and any("\ud800" <= x <= "\udfff" for x in value):
-        raise RunFileError(path, f"damaged: {name} is no text in UTF-8")
+        raise RunFileError(path, f"damaged: {name} is not a text in UTF-8")
     return value
 
 

@@ -223,7 +223,7 @@ def _draw_arm(axes: Axes3D, run: Run, colour: str) -> None:
 
 
 def _draw_trajectory(axes: Axes3D, run: Run, colour: str) -> None:
-    desired, reached = _from_trocar(run, run.tip_d), _from_trocar(run, run.tip)
+    desired, reached = _in_trocar_axes(run, run.tip_d), _in_trocar_axes(run, run.tip)
     for k in np.linspace(0, len(run.time) - 1, SHAFTS).astype(int):
         axes.plot(*np.column_stack([np.zeros(3), reached[k]]), color="0.6", linewidth=0.8)
     axes.plot(*desired.T, color="0.75", linewidth=2.8, label="desired tip")
@@ -252,8 +252,8 @@ def _make_solid(axes: Axes3D) -> None:
         axis.set_pane_color((0.975, 0.975, 0.975, 1.0))
 
 
-def _from_trocar(run: Run, points: Array) -> Array:
-    """Points (n, 3) in the world, seen from where the trocar is then, in the start's axes [mm]."""
+def _in_trocar_axes(run: Run, points: Array) -> Array:
+    """Points (n, 3) of the world relative to the moving trocar, in the axes of the start [mm]."""
     start = dq.quaternion_conj(dq.P(run.x[0]))
     return 1e3 * dq.rotate(start, points - run.pivot)
 

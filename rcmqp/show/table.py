@@ -139,7 +139,7 @@ class Table:
         return f"<table>{caption}{head}<tbody>{lines}</tbody></table>{notes}"
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """For rich's print(), without the title.
+        """Lay the table out for rich's print(), without its title.
 
         The first column, of names, is never cut. Where a table of numbers is wider than the
         terminal, its columns are as narrow as their longest word.

@@ -127,7 +127,7 @@ class ArmFile:
 
 
 def read_arm_file(path: Path, robots: Path) -> ArmFile:
-    """Read an arm's file; with ``like``, what it does not say is that of a registered arm.
+    """Read an arm's file; with ``like``, keys that it leaves out come from a registered arm.
 
     Args:
         path: the file.
@@ -142,7 +142,7 @@ def read_arm_file(path: Path, robots: Path) -> ArmFile:
     if "like" in entry:
         names = sorted(each.name for each in robots.iterdir() if (each / "robot.toml").is_file())
         if entry["like"] not in names:
-            raise UnknownName("arm", f"{entry['like']}", names)
+            raise UnknownName("arm for like", f"{entry['like']}", names)
         if "urdf" in entry:
             raise ArmError(f"{path}: has both urdf and like; give one of them")
         folder = robots / entry["like"]

@@ -196,10 +196,10 @@ def _is_program(file: Path) -> bool:
 
 
 def _check_recipe(recipe: Mapping[str, Any]) -> None:
-    """Check what built() takes as it is.
+    """Check the values of a recipe that built() does not check.
 
     Raises:
-        ValueError: a value is of another kind, or not finite.
+        ValueError: a value has the wrong type, or is not finite.
     """
     about, home = recipe["about"], recipe.get("home")
     for name in ("title", "licence"):

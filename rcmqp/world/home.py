@@ -1,4 +1,4 @@
-"""A home for an arm that has none: one that a surgeon would use."""
+"""Search for a home configuration of an arm whose file has none: one that suits surgery."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ POOL, SEEDS = 3000, 4
 
 
 def find_home(arm: Arm, instrument: Instrument, depth: float = 0.1) -> Start | None:
-    """A home that a surgeon would use; None where the arm has none. The same each time.
+    """Search for a home that suits surgery; None if there is none. Reruns give the same one.
 
     The shaft points downwards through a trocar in front of the base, above the floor, and the
     start is an easy one, see Ease. Sides and tilts of the shaft are tried until one is good; else

@@ -448,7 +448,7 @@ def _position(name: str, held: str, position: Any) -> float:
 
 
 def _check_locked(model: pin.Model, name: str, held: str, position: float) -> None:
-    """Refuse a lock outside the joint's limits, or more than two turns away without any."""
+    """Refuse a locked position outside the joint's limits; without limits, beyond +-TURNS."""
     joint = model.joints[model.getJointId(held)]
     lower, upper, unit = -TURNS, TURNS, "rad"
     if joint.nq == 1:

@@ -206,12 +206,25 @@ def module_of_file(file: str | os.PathLike[str]) -> ModuleType:
     except (Exception, SystemExit) as error:  # a script may end itself
         del sys.modules[name]
         _LOADED.pop(name, None)
-        raise OptionError(f"{file} cannot be run: {type(error).__name__}: {error}") from error
+        raise OptionError(cannot_run(str(file), error, path)) from error
     import cloudpickle  # with which joblib sends classes to its processes
 
     cloudpickle.register_pickle_by_value(module)
     _LOADED[name] = key
     return module
+
+
+def cannot_run(name: str, error: BaseException, file: str | os.PathLike[str] | None) -> str:
+    """Say that code in ``file`` raised an error, and in which line if the traceback has it."""
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if file is not None and frame.filename == str(file)
+    ]
+    if isinstance(error, SyntaxError) and error.filename == str(file):
+        return f"{name}, line {error.lineno}: {type(error).__name__}: {error.msg}"
+    what = f"{type(error).__name__}: {error}"
+    return f"{name}, line {lines[-1]}: {what}" if lines else f"{name} cannot be run: {what}"
 
 
 def place_of(error: Exception) -> str | None:

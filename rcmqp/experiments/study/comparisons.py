@@ -69,7 +69,7 @@ def conditions(outcomes: Sequence[Outcome]) -> list[Condition]:
 
 
 def comparisons(outcomes: Sequence[Outcome]) -> list[Comparison]:
-    """Each controller against each on an arm, and each arm against each with a controller."""
+    """Compare controllers in pairs on the same arm, and arms in pairs with the same controller."""
     rows = []
     for a, b in itertools.combinations(conditions(outcomes), 2):
         if (a[0] == b[0]) == (a[1] == b[1]):

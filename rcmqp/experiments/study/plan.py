@@ -96,7 +96,7 @@ class Law(_Law):
         """The inverse of to_json(); the controller need not be known here.
 
         Raises:
-            OptionError: the name is no word, or the period is not allowed.
+            OptionError: the name is not a word, or the period is not allowed.
         """
         name, period, options = json.loads(text)
         if not (isinstance(name, str) and re.fullmatch(r"\w{1,100}", name)):
@@ -272,7 +272,7 @@ def _base(
 
 
 def _stamp(name: str) -> Stamp:
-    """When a file was last changed [ns], and its size; (0, 0) of what is no file."""
+    """Time of a file's last change [ns], and its size; (0, 0) if there is no such file."""
     try:
         found = Path(name).stat()
     except OSError:
@@ -281,7 +281,7 @@ def _stamp(name: str) -> Stamp:
 
 
 def part_of_name(text: str) -> str:
-    """A text as part of a file's name; where it is none, some of it and a hash of it."""
+    """The text if it can be part of a file's name; else some of its letters and a hash."""
     if re.fullmatch(r"[\w.+-]{1,80}", text):
         return text
     some = re.sub(r"[^\w.+-]", "", Path(text).stem)[:40]
@@ -289,5 +289,5 @@ def part_of_name(text: str) -> str:
 
 
 def learning_of(practice: float | None) -> Learning | None:
-    """Make the Learning of --practice; None without it."""
+    """Learning after ``practice`` seconds at the device; None if ``practice`` is None."""
     return None if practice is None else Learning(practice)

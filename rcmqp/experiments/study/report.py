@@ -98,7 +98,7 @@ FIGURES = ("fig4_views", "fig6_errors", "fig7_trajectory", "groups")
 
 
 def table(performed: Performed, jump: Metrics | None = None) -> str:
-    """Markdown: arms and controllers side by side, each beside the paper, each with each.
+    """Tables in Markdown: each arm and controller beside the paper, and their comparisons.
 
     Args:
         performed: the study.

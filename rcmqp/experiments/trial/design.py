@@ -148,7 +148,9 @@ class Design:
             other = options and tuple(options.items()) not in [law.options for law in laws]
             if not laws or other:
                 known = "; ".join(map(str, self.laws))
-                raise OptionError(f"{setting} is no controller of this study; it has {known}")
+                raise OptionError(
+                    f"{setting} is not a controller of this study, which has {known}"
+                )
             given[name] = (file_of(setting), self.own_laws[name][1])
         for name, (setting, _) in self.own_laws.items():
             if name not in given:
@@ -270,5 +272,5 @@ def file_of(setting: str) -> str:
     """FILE.py or FILE.py:CLASS of a setting, without options."""
     found = FILE_SETTING.fullmatch(setting)
     if found is None:
-        raise OptionError(f"{setting} is no file of a controller; give FILE.py or FILE.py:CLASS")
+        raise OptionError(f"{setting} is not a controller's file; give FILE.py or FILE.py:CLASS")
     return found["file"] + (f":{found['name']}" if found["name"] else "")

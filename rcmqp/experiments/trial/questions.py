@@ -37,7 +37,7 @@ def group_of(before: Mapping[str, int]) -> str:
 
 
 def checked_before(values: Mapping[str, Any]) -> dict[str, int]:
-    """Answers to the questions before the task.
+    """Check the answers to the questions before the task, and return them.
 
     Args:
         values: by name, as they came from a page; ``consent`` among them, which is needed.
@@ -52,7 +52,7 @@ def checked_before(values: Mapping[str, Any]) -> dict[str, int]:
 
 
 def checked_after(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Answers to the questions after the task.
+    """Check the answers to the questions after the task, and return them.
 
     Raises:
         OptionError: an answer is missing, not allowed or unknown.
@@ -68,7 +68,9 @@ def checked_after(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _check_names(values: Mapping[str, Any], names: set[str]) -> None:
     if values.keys() != names:
-        raise OptionError(f"the answers are to {sorted(values)}, asked was {sorted(names)}")
+        raise OptionError(
+            f"there are answers to {sorted(values)}, the questions are {sorted(names)}"
+        )
 
 
 def _choice(name: str, value: Any, least: int, most: int) -> int:

@@ -231,9 +231,11 @@ def _inwards(velocity: Vector3, position: Vector3) -> Vector3:
 
 
 def _discrete(stiffness: float, damping: float, period: float) -> tuple[Vector3, Vector3]:
-    """Coefficients of position, velocity and input in position and velocity a period later.
+    """One period of h'' = stiffness (u - h) - damping h', exact for a constant input u.
 
-    Of h'' = stiffness (u - h) - damping h', by the exponential of its matrix.
+    Returns:
+        The coefficients of (h, h', u) in h, and those in h', one period later; both come from the
+        matrix exponential.
     """
     from scipy.linalg import expm  # SciPy takes long to import
 

@@ -45,14 +45,14 @@ class Eyes:
     and a further error in depth. What is not in the image is remembered, from the pictures of the
     objectives, by its place beside the nearest sphere that is. A memory is off by N(0, 1) of
     ``memory`` times the distance between the two, by the same on the whole way to an objective.
-    Nothing is perceived of an image in which none of the spheres can be seen. That one thing may
-    hide another is left out.
+    Nothing is perceived of an image in which none of the spheres can be seen. Things do not
+    hide each other.
     """
 
     def __init__(
         self, operator: Operator, task: CameraTask, insertion: Insertion, rng: np.random.Generator
     ) -> None:
-        """In front of the camera of an insertion.
+        """See through the camera of an insertion.
 
         Raises:
             OptionError: a wrist moves the camera, or it looks past the spheres.

@@ -34,7 +34,7 @@ class Path(Protocol):
         """How long the path takes [s]; afterwards it stays where it ended."""
 
     def command(self, t: float, tip_depth: float) -> ViewCommand:
-        """The view asked for at ``t`` [s], its tip ``tip_depth`` [m] inside at the start."""
+        """The view asked for at ``t`` [s]; at the start the tip is ``tip_depth`` [m] inside."""
 
 
 @runtime_checkable

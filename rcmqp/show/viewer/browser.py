@@ -63,7 +63,7 @@ def chromium_path() -> str:
 
 
 def ffmpeg_path() -> str:
-    """Where ffmpeg is.
+    """Path of the program ffmpeg.
 
     Raises:
         ToolMissing: it is not on the path.

@@ -48,7 +48,7 @@ def snapshot(
     zoom: float = 1.0,
     transparent: bool = False,
 ) -> Path:
-    """Write a PNG of runs at one time, and return its path.
+    """Write a picture (PNG) of runs at the time ``time``, and return its path.
 
     Args:
         runs: of one scenario; the first one's arm is solid.
@@ -88,10 +88,10 @@ def snapshot(
 
 
 def _towards(direction: Sequence[float]) -> list[float]:
-    """A direction of length 1 that the camera can stand in, its image upright.
+    """Scale the direction from the scene to the camera to length 1.
 
     Raises:
-        OptionError: there is none.
+        OptionError: it is vertical, so that no side of the picture is up.
     """
     vector = np.array(unit_vector3("direction", direction))
     if math.hypot(vector[0], vector[1]) < LEAST_TILT:

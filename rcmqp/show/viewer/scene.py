@@ -126,13 +126,13 @@ def spheres(run: Run, insertion: Insertion) -> list[Sphere]:
     ]
 
 
-def views(places: Sequence[Vector3], insertion: Insertion) -> list[list[float]]:
-    """The (4, 4) matrices that move the camera to some places, column after column.
+def camera_moves(places: Sequence[Vector3], insertion: Insertion) -> list[list[float]]:
+    """Matrices (4, 4), column by column, that move the camera from its start to each place.
 
-    From where it is at the start to where it is to be, without roll, in the world.
+    They are in the world; the camera does not roll.
 
     Args:
-        places: (m, 3) of the tip, seen from the trocar in the axes of x_d(0) [m].
+        places: (m, 3) where the tip goes, seen from the trocar in the axes of x_d(0) [m].
         insertion: the instrument in the patient.
     """
     start = dq.to_se3(view_pose(insertion.x_rcm, ViewCommand()).x_d)
