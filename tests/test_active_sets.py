@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rcmqp.maths.dualquaternion import Array
-from rcmqp.qp import Bounds, Hierarchy, HierarchySolution, Level
+from rcmqp.qp import Bounds, Hierarchy, HierarchySolution, Level, get_solver
+from rcmqp.qp.hierarchy import propose
 
 DAMPINGS = (0.0, 0.02, 0.03)
 """Of RCM, tip and roll: as the levels of a controller are."""
@@ -113,3 +114,12 @@ def test_a_backend_is_asked_once_for_an_answer() -> None:
         assert hierarchy.asked == before  # each active set is right now
     assert missed > 10
     assert asked > 30
+
+
+@pytest.mark.parametrize("size", [1e200, 1e308, np.inf])
+def test_a_proposal_for_absurd_numbers_warns_of_nothing(size: float) -> None:
+    """Pytest makes an error of each warning."""
+    box = np.ones(2)
+    goal = np.array([size, -size])
+    _, multipliers = propose(get_solver("daqp"), np.eye(2), goal, np.eye(2), -box, box)
+    assert np.isfinite(multipliers).all()

@@ -213,7 +213,8 @@ def propose(
     bounds = np.concatenate([upper, -lower])
     unit = float(np.max(bounds, where=np.isfinite(bounds), initial=0.0)) or 1.0
     r = M.shape[1]
-    c = c * min(1.0, FAR * unit / max(float(np.linalg.norm(c)), unit))
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers make a proposal that fails
+        c = c * min(1.0, FAR * unit / max(float(np.linalg.norm(c)), unit))
     up, low = np.isfinite(upper), np.isfinite(lower)
     qp = QP(
         M.T @ M + _REGULARISATION * np.eye(r),
