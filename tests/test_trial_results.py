@@ -268,7 +268,7 @@ def test_simulated_operators_stand_beside_people_and_are_not_tested(tmp_path: Pa
     text = results_table(results)
     assert "| dual_quaternion, 16 ms, people: 1 | dual_quaternion, 16 ms, model: 2 |" in text
     assert "## Simulated operators: Franka Emika Panda, dual_quaternion, 16 ms" in text
-    assert "no p values on people who are drawn" in text
+    assert "p values are given between real people only" in text
     assert "## Comparisons of people" not in text
 
 

@@ -107,7 +107,7 @@ def at_least(least: float, unit: str = "") -> Metadata:
 
 
 def positive_or_inf() -> Metadata:
-    """A number above 0; inf says that there is no limit."""
+    """Check a number above 0; inf means no limit."""
     return _number("positive, inf for none", lambda x: x > 0.0, "")
 
 

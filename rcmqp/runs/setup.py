@@ -127,7 +127,7 @@ def remark_of(law: str) -> str:
 
 
 def run_command(run: Run, scenario: str, file: str) -> str:
-    """The command that makes a simulated run again; a comment if there is no such command.
+    """The command that repeats a simulated run; a comment if no command can.
 
     Args:
         run: to be made again.

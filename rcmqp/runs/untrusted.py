@@ -69,7 +69,7 @@ DAMAGED = "damaged"
 """How the reason begins why a damaged file is not read."""
 
 CUT_SHORT = re.compile(r"truncated file: eof = (\d+),.* stored_eof = (\d+)")
-"""What HDF5 says of a file that is shorter than its head says: its bytes, and how many it had."""
+"""Matches HDF5's message about a truncated file: its size now, and its full size, in bytes."""
 
 
 @contextlib.contextmanager

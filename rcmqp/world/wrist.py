@@ -111,9 +111,9 @@ def wrist_of_urdf(path: Path, shaft: str, tip: str) -> tuple[float, Wrist]:
         From the origin of ``shaft`` to where the wrist begins [m]; and the wrist.
 
     Raises:
-        ArmError: the file is not a URDF; there are no joints between the links, or others than
-            revolute ones with limits; or at zero they are not in line with the shaft.
-        FrameNotFound: there is no such link.
+        ArmError: the file is not a URDF; the links have no joints between them; a joint between
+            them is not revolute, or has no limits; or at zero they leave the shaft's line.
+        FrameNotFound: a link has a name that the file does not have.
     """
     urdf = read_urdf(path)
     model = model_of(urdf)

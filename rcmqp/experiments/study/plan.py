@@ -272,7 +272,7 @@ def _base(
 
 
 def _stamp(name: str) -> Stamp:
-    """Time of a file's last change [ns], and its size; (0, 0) if there is no such file."""
+    """Time of a file's last change [ns], and its size; (0, 0) if the file does not exist."""
     try:
         found = Path(name).stat()
     except OSError:

@@ -59,8 +59,9 @@ fewer people finish can look faster than it is, so look at how many finished fir
 """
 
 MODEL_NOTE = """\
-Simulated operators are a model: there are no p values on people who are drawn, and none between
-them and real people. Their device has a scale and viscosity of its own.
+Simulated operators are a model. So p values are given between real people only: not between
+simulated operators, and not between these and real people. The simulated device has a scale and
+viscosity of its own.
 """
 
 ASKED = """\

@@ -114,7 +114,7 @@ class Goals:
     """
 
     def __init__(self, places: Array, tolerance: float) -> None:
-        """None is reached yet; within ``tolerance`` [m] one will be."""
+        """Start with no goal reached; a goal counts as reached within ``tolerance`` [m] of it."""
         self.places, self.reached = places, list[float]()
         self._tolerance = tolerance
 
