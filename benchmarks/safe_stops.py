@@ -12,10 +12,10 @@ position limit; largest excess of acceleration and jerk, relative; how long the 
 multiple of the time that the slowest joint needs alone; how far the shaft goes from where it was,
 in the states in which the trocar can be kept and in all.
 
-The trocar can be kept if the plainest stop on it is inside all limits: all accelerations go to
-zero in proportion, then all speeds, both with 0.7 of the acceleration and jerk of the joint that
-allows least; in each cycle, what would move the shaft at the trocar is taken off by the
-pseudo-inverse.
+The trocar can be kept if a plain stop on it is inside all limits and within 0.05 mm of where the
+shaft was: all accelerations go to zero in proportion, then all speeds, both with 0.7 of the
+acceleration and jerk of the joint that allows least; in each cycle, the pseudo-inverse adds what
+puts the shaft back by the end of it, all of the way in one stop that is tried, half in another.
 """
 
 from __future__ import annotations
@@ -38,6 +38,9 @@ PERIODS = (0.001, 0.002, 0.004, 0.008)
 
 SHARE = 0.7
 """Of acceleration and jerk in the plainest stop; the rest is for the way that the arm bends."""
+
+NEAR = 5e-5
+"""How far the shaft may be from where it was, where the trocar can be kept [m]."""
 
 
 @dataclass(frozen=True)
@@ -131,17 +134,25 @@ def drawn(insertion: Insertion, rng: np.random.Generator, period: float) -> tupl
 
 
 def can_be_kept(
-    insertion: Insertion, angles: Array, v: Array, a: Array, pivot: Array, period: float
+    insertion: Insertion,
+    angles: Array,
+    v: Array,
+    a: Array,
+    pivot: Array,
+    period: float,
+    back: float,
 ) -> bool:
-    """Whether the plainest stop on the trocar is inside all limits, see above."""
+    """Whether the plain stop that puts ``back`` of the shaft's error back is one, see above."""
     arm, T = insertion.arm, period
     q = arm.integrate(arm.configuration(angles), v, T)
     angles = angles + T * v
     held = nearest(insertion.state(q), pivot)
     for plain in plainest(arm, v, a, T):
-        state = insertion.state(q)
-        rows = across(state, float(state.oMe.actInv(held)[2]))
-        before, v = v, plain - np.linalg.pinv(rows, rcond=1e-3) @ rows @ plain
+        before, v = v, plain
+        for _ in range(2):  # Newton's method; the second step is for the curvature
+            state = insertion.state(arm.integrate(q, v, T))
+            off = state.oMe.actInv(held)
+            v = v + back * np.linalg.pinv(across(state, float(off[2])), rcond=1e-3) @ off[:2] / T
         change_before, a = a, (v - before) / T
         q, angles = arm.integrate(q, v, T), angles + T * v
         fits = (
@@ -151,7 +162,8 @@ def can_be_kept(
             & (angles >= arm.lower)
             & (angles <= arm.upper)
         )
-        if not fits.all():
+        off_by = float(np.linalg.norm(nearest(insertion.state(q), held) - held))
+        if not fits.all() or off_by > NEAR:
             return False
     return True
 
@@ -179,7 +191,7 @@ def stop(insertion: Insertion, rng: np.random.Generator, period: float) -> Stop:
     """One safe stop from a random state."""
     arm = insertion.arm
     angles, v, a, pivot = drawn(insertion, rng, period)
-    kept = can_be_kept(insertion, angles, v, a, pivot, period)
+    kept = any(can_be_kept(insertion, angles, v, a, pivot, period, by) for by in (1.0, 0.5))
     *_, least = alone(arm, v, a, period)
     q, cycles, over, excess, shaft = arm.configuration(angles), 0, 0.0, 0.0, 0.0
     angles, held = angles + period * v, None

@@ -89,16 +89,16 @@ def test_one_weighted_qp_gives_the_rcm_away_where_strict_levels_do_not() -> None
     assert compute_metrics(weighted).speed_ratio_max <= 1.0
 
 
-@pytest.mark.parametrize("arm", ["lwa3", "panda", "meka_a2", "z1"])
-def test_the_backend_changes_the_time_and_not_the_path(arm: str) -> None:
-    """Measured: 2e-12 rad; on the Meka, at its position limits, rounding grows to 4e-6 in 6 s."""
-    scenario = load_scenario("fast_helix", arm)
-    expected = ran(scenario)
-    if arm != "z1":
+@pytest.mark.parametrize("name", ["fast_helix", "view_steps"])
+@pytest.mark.parametrize("arm", arm_names())
+def test_the_backend_changes_the_time_and_not_the_path(arm: str, name: str) -> None:
+    """Measured: not by a bit. With last digits that depend on the backend: 0.02 rad (xarm7)."""
+    scenario = load_scenario(name, arm)
+    expected = ran(scenario, backend="active_set")
+    if name == "view_steps" or arm != "z1":
         assert expected.diagnostics["joints_at_limit"].max() > 0
     for backend in ("proxqp", "daqp"):
-        tolerance = 1e-5 if arm == "meka_a2" else 1e-6
-        assert_allclose(ran(scenario, backend=backend).q, expected.q, rtol=0, atol=tolerance)
+        assert_allclose(ran(scenario, backend=backend).q, expected.q, rtol=0, atol=1e-6)
 
 
 def test_a_breathing_trocar_of_known_velocity_keeps_its_rcm() -> None:

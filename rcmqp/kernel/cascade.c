@@ -379,19 +379,41 @@ static void solve_open(Search *search, double *y)
     least_squares(open, problem->c, y);
 }
 
+/* The optimum y and its multipliers once more, out of the bounds that decide it and nothing else: so
+ * the last digits do not depend on the way to it. Where joints are at their limits of jerk, these
+ * digits matter after some hundred cycles. Returns whether it is the optimum; if not, all stays. */
+static int from_deciding(Search *search, double *y, double *lam, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int r = search->problem->r, k = search->problem->k;
+    double *again = take(arena, r), *guess = take(arena, k), *others = take(arena, k);
+    for (int i = 0; i < k; ++i) guess[i] = lam[i] > 0.0 ? 1.0 : lam[i] < 0.0 ? -1.0 : 0.0;
+    search->face.count = -1;
+    const int found = solve_level(search->problem, 1, guess, &search->face, again, others, arena) == 1;
+    if (found) {
+        memcpy(y, again, sizeof(double) * (size_t)r);
+        memcpy(lam, others, sizeof(double) * (size_t)k);
+        memcpy(search->guess, guess, sizeof(double) * (size_t)k);
+    }
+    arena->used = mark;
+    return found;
+}
+
 /* The optimum y (free) of a step, its multipliers lam (k), and its active set (N), which is tried
- * first; then no bound at all; then what a backend proposes, if it is asked. */
-static Route answer(Search *search, int asks, double *set, double *y, double *lam, int *rounds,
+ * first; then no bound at all; then what a backend proposes, if this is the first step. */
+static Route answer(Search *search, int first, double *set, double *y, double *lam, int *rounds,
                     Arena *arena)
 {
     const Problem *problem = search->problem;
     const Ways *ways = search->ways;
     const int k = problem->k, most = ways->max_rounds, *index = search->index;
+    const int asks = first && ways->propose != NULL;
     double *guess = search->guess;
     int used = 0;
     for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
     if (any(guess, k))
         used = solve_level(problem, asks ? 1 : most, guess, &search->face, y, lam, arena);
+    const int searched = first && used != 1;
     if (used > 1 && !any(lam, k)) used = 0; /* by way of bounds that decide nothing: fewer digits */
     if (used <= 0) { /* no guess, or one that was wrong, or so bad that it cost digits */
         solve_open(search, y);
@@ -401,7 +423,7 @@ static Route answer(Search *search, int asks, double *set, double *y, double *la
             return FAILED;
         for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
         used = solve_level(problem, most, guess, &search->face, y, lam, arena);
-        if (used < 0 && asks) {
+        if (asks && (used < 0 || !any(lam, k))) { /* of many optima, the one of no proposal */
             memset(guess, 0, sizeof(double) * (size_t)k);
             used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         }
@@ -410,6 +432,7 @@ static Route answer(Search *search, int asks, double *set, double *y, double *la
         memset(y, 0, sizeof(double) * (size_t)problem->r);
         memset(lam, 0, sizeof(double) * (size_t)k);
     }
+    if (searched && used > 0 && any(lam, k)) used += from_deciding(search, y, lam, arena);
     for (int i = 0; i < k; ++i) set[index[i]] = guess[i];
     *rounds += used > 0 ? used : -used;
     return used == 1 ? POLISHED : used > 0 ? ACTIVE_SET : UNVERIFIED;
@@ -457,8 +480,7 @@ Route descend(State *state, const Level *level, const Ways *ways, int steps, dou
     for (int step = 0; step < steps; ++step) {
         if (step > 0) count_from(&problem, y, still);
         recall(sets + step * N, step, was, N);
-        route = answer(&search, step == 0 && ways->propose != NULL, sets + step * N, y, lam, rounds,
-                       arena);
+        route = answer(&search, step == 0, sets + step * N, y, lam, rounds, arena);
         if (route == FAILED) goto done;
         if (route == UNVERIFIED && step + 1 < steps) *doubt = 1;
     }

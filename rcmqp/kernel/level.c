@@ -28,7 +28,9 @@
 /* A row joins a proposed working set if this much of it is new. */
 #define INDEPENDENT 1e-8
 
-/* A guess that exceeds bounds gets the one exceeded most, so many times. */
+/* A guess that exceeds bounds by more gets the one exceeded most, MENDED times. What is feasible to
+ * FEASIBILITY_TOL only would depend on the guess. */
+#define CLOSE 1e-15
 #define MENDED 3
 
 /* Rows held at a bound. */
@@ -130,11 +132,12 @@ static int proposes(const Face *face, const double *proposed, int k)
     return face->count == count;
 }
 
-/* The bound that y exceeds most, of rows that are independent of those held, and its side; or -1. */
+/* The bound that y exceeds most, if by more than CLOSE, of rows that are independent of those held,
+ * and its side; or -1. */
 static int exceeded(const Problem *problem, const Face *face, const double *y, double *side)
 {
     const int r = problem->r;
-    double most = 0.0;
+    double most = CLOSE;
     int row = -1;
     for (int i = 0; i < problem->k; ++i) {
         const double *R = problem->R + i * r, Ry = dot(R, y, r);
@@ -284,12 +287,14 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
         if (guessed && count > 0) {
             advance(y, 1.0, step, r);
+            row = guessed++ <= MENDED && count < r ? exceeded(problem, face, y, &side) : -1;
+            if (row >= 0) {
+                working.rows[working.count++] = row, held[row] = side;
+                continue;
+            }
             if (feasible(problem, y)) {
                 guessed = 0;
                 memset(step, 0, sizeof(double) * (size_t)r);
-            } else if (guessed++ <= MENDED && (row = exceeded(problem, face, y, &side)) >= 0) {
-                working.rows[working.count++] = row, held[row] = side;
-                continue;
             } else { /* start from the way to it, without a working set */
                 guessed = 0;
                 memset(held, 0, sizeof(double) * (size_t)k);
