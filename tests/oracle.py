@@ -200,9 +200,10 @@ def one_by_one(p: Problem, guarded: int, free: list[Stacked] | None = None) -> l
 
     def solved(*rows: tuple[Array, Array]) -> Stacked:
         M, c = np.vstack([A for A, _ in rows]), np.concatenate([b for _, b in rows])
-        best = v
-        if Z.shape == (n, n):  # nothing but the box
-            best = bounded(M, c, lower, upper)
+        best, moves = np.array(v), lower < upper
+        if Z.size and Z.shape[1] == moves.sum():  # nothing but the box
+            rest = c - M[:, ~moves] @ v[~moves]
+            best[moves] = bounded(M[:, moves], rest, lower[moves], upper[moves])
         elif Z.size and np.linalg.norm(M @ Z) > 0.0:
             room = np.concatenate([upper - v, v - lower])
             if np.isinf(room).all():

@@ -28,9 +28,10 @@ typedef struct {
     StackTask *tasks;
     StackLimit *limits;
     const double *damping;            /* (levels) */
+    const double *velocity;           /* (n) limits, which say what is slow */
     const double *acceleration, *jerk; /* (n) limits that tasks brake with, infinite for none */
     double share, period;             /* share of them that is counted on; 0: errors go in
-                                         proportion */
+                                         proportion, and objectives never rest */
 } Stack;
 
 size_t memory_for_rows(int n, int m, int rows);
