@@ -211,9 +211,8 @@ def right_stack(rng: np.random.Generator) -> tuple[int, dict[str, Any]]:
     )
     levels = ((0.0, ((rcm, 60.0, 1.0),)), (0.01, ((tip, 60.0, 1.0), (None, 1.0, 0.5))))
     return n, {
-        "levels": (*levels, (0.03, ((posture, float(rng.integers(2)), 1.0),))),
+        "levels": (*levels, (0.03, ((posture, 1.0, 1.0),))),
         "limits": (cone, None),
-        "velocity": rng.uniform(1.0, 3.0, n),
         "acceleration": rng.uniform(1.0, 9.0, n),
         "jerk": np.full(n, 500.0),
         "share": 0.5,

@@ -49,7 +49,6 @@ class Stack:
         *,
         levels: tuple[tuple[float, tuple[tuple[Block | None, float, float], ...]], ...],
         limits: tuple[Block | None, ...],
-        velocity: Array,
         acceleration: Array,
         jerk: Array,
         share: float,

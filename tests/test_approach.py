@@ -22,7 +22,6 @@ class Joint:
         self._stack = _kernel.Stack(
             levels=((DAMPING, ((None, GAIN, 1.0),)),),
             limits=(),
-            velocity=np.ones(1),
             acceleration=np.array([acceleration]),
             jerk=np.array([jerk]),
             share=share,
@@ -61,7 +60,6 @@ def test_what_joints_can_do_is_that_of_the_damped_pseudo_inverse(
     stack = _kernel.Stack(
         levels=((0.0, ((None, GAIN, 1.0),)), level) if above else (level,),
         limits=(),
-        velocity=np.ones(joints),
         acceleration=limits,
         jerk=np.full(joints, np.inf),
         share=share,
@@ -111,67 +109,3 @@ def test_an_error_ends_at_zero_without_overshoot_where_proportion_would_overshoo
     assert abs(found[-1]) < 1e-6
     if start == 0.1:
         assert settled(start, 2.0, jerk, 0.0).min() < -0.2 * start
-
-
-IDLE, LIVELY = 0.03, 0.045
-"""Shares of the speed limits between which an objective begins to move the joints."""
-
-
-def asked_of_objective(A: Array, damping: float, g: Array, velocity: Array) -> Array:
-    """What is asked (n,) of an objective that wishes g (n,), below a level with the rows A."""
-    n, zero = len(g), np.zeros(len(g))
-    above = ((damping, ((None, GAIN, 1.0),)),) if len(A) else ()
-    stack = _kernel.Stack(
-        levels=(*above, (0.0, ((None, 0.0, 1.0),))),
-        limits=(),
-        velocity=velocity,
-        acceleration=np.full(n, np.inf),
-        jerk=np.full(n, np.inf),
-        share=0.8,
-        period=T,
-        guarded=0,
-        max_rounds=1,
-        names=tuple("abcdef" if len(A) else "abcde"),
-    )
-    given: list[tuple[Array, ...]] = [(np.zeros(len(A)), A, np.zeros(len(A)))] if len(A) else []
-    given.append((zero, np.eye(n), -g))
-    state = POSE, np.zeros((6, n)), zero, zero, zero
-    found = stack.problem(*state, POSE, np.zeros(8), POINT, POINT, (0.0,), given)
-    assert found is not None
-    return found[1][len(A) : len(A) + n]
-
-
-@pytest.mark.parametrize("damping", [0.0, 1e-9, 0.01])
-@pytest.mark.parametrize(
-    ("fastest", "share"), [(0.0, 0.0), (0.029, 0.0), (0.036, 0.4), (0.046, 1.0), (10.0, 1.0)]
-)
-def test_an_objective_rests_where_what_the_levels_above_leave_of_it_is_slow(
-    fastest: float, share: float, damping: float
-) -> None:
-    rng = np.random.default_rng(5)
-    A, velocity = rng.normal(size=(3, 7)), rng.uniform(1.0, 3.0, 7)
-    left = np.linalg.svd(A)[2][3:].T @ rng.normal(size=4)
-    left *= fastest / np.max(abs(left) / velocity)
-    g = left + A.T @ rng.normal(size=3)  # of which the level above leaves nothing
-    np.testing.assert_allclose(asked_of_objective(A, damping, g, velocity), share * g, 0, 1e-4)
-
-
-@pytest.mark.parametrize("size", [1e-5, 1e-4])
-def test_an_objective_may_move_what_a_damped_level_hardly_minds(size: float) -> None:
-    """What is left is (I + B^T B)^-1 g, with B = A / (0.003 damping)."""
-    rng = np.random.default_rng(6)
-    A, velocity, damping = size * rng.normal(size=(7, 7)), np.ones(7), 0.01
-    B, g = A / (0.003 * damping), rng.normal(size=7)
-    left = np.linalg.solve(np.eye(7) + B.T @ B, g)
-    g *= 0.04 / np.max(abs(left))
-    share = (0.04 - IDLE) / (LIVELY - IDLE)
-    np.testing.assert_allclose(asked_of_objective(A, damping, g, velocity), share * g, 1e-9)
-
-
-def test_an_objective_on_the_first_level_and_absurd_numbers_are_asked_for_as_they_are() -> None:
-    g = np.full(3, 1e-3)
-    np.testing.assert_array_equal(asked_of_objective(np.zeros((0, 3)), 0.0, g, np.ones(3)), g)
-    huge = np.full((2, 3), 1e200)
-    np.testing.assert_array_equal(
-        asked_of_objective(huge, 0.0, 1e200 * np.arange(3.0), np.ones(3)), 1e200 * np.arange(3.0)
-    )

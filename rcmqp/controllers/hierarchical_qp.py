@@ -97,8 +97,7 @@ class HierarchicalQP(Controller):
         objective: its name in OBJECTIVES; empty for the arm's own.
         limit_gain: how fast the trocar's limits may be approached [1/s].
         approach: share of the joints' acceleration and jerk limits that is counted on to stop an
-            error at zero, see kernel/approach.c; 0 approaches in proportion, and overshoots, and
-            lets an objective creep as long as it gains anything.
+            error at zero, see kernel/approach.c; 0 approaches in proportion, and overshoots.
         backend: ``active_set``, the hierarchy's own, has the shortest worst step; ``proxqp``,
             ``daqp`` or any solver of qpsolvers propose active sets to it: the answer is the same.
         levels: tasks, the first the most important; replaces default_levels(); only from Python.

@@ -110,7 +110,6 @@ class Stack:
                 for level, shared in zip(self.levels, members, strict=True)
             ),
             limits=tuple(block_of(limit) for limit in self.limits),
-            velocity=arm.velocity,
             acceleration=arm.acceleration,
             jerk=arm.jerk,
             share=approach,

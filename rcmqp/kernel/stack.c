@@ -5,16 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-/* An objective moves no joint where it would move each by less than the first share of its speed
- * limit, and all as fast as it asks for from the second on: the end of its ascent takes long and
- * gains next to nothing. */
-#define IDLE 0.03
-#define LIVELY 0.045
-
-/* The weight of the rows above is at most this, over their norm: its square leaves digits for the 1
- * that they are added to. */
-#define HEAVIEST 1e4
-
 /* Rows A v = b + rate of one task, and its error e, all times the root of its weight. */
 static void rows_of_one(const StackTask *task, const Cycle *cycle, double *A, double *b, double *e,
                         Arena *arena)
@@ -30,33 +20,6 @@ static void rows_of_one(const StackTask *task, const Cycle *cycle, double *A, do
     if (task->root == 1.0) return;
     for (int i = 0; i < m * n; ++i) A[i] *= task->root;
     for (int i = 0; i < m; ++i) b[i] *= task->root, e[i] *= task->root;
-}
-
-/* The wish g (n) of an objective, less where what the levels above leave of it is slow.
- *
- * That is (I + B^T B)^-1 g, with B their rows A as cascade.h has them, A_j / exchange_j. */
-static void ease_off(const Stack *stack, const StackTask *objective, const double *A, double *g,
-                     Arena *arena)
-{
-    const size_t mark = arena->used;
-    const int n = stack->n;
-    double *S = take(arena, n * n), *left = take(arena, n), fastest = 0.0;
-    memset(S, 0, sizeof(double) * (size_t)(n * n));
-    for (const StackTask *task = stack->tasks; task->level < objective->level; ++task) {
-        const double by = 1.0 / larger(EXCHANGE * stack->damping[task->level],
-                                       norm_of(A, task->m * n) / HEAVIEST);
-        for (int i = 0; i < task->m; ++i, A += n)
-            for (int p = 0; p < n && by < INFINITY; ++p)
-                add_to(S + p * n, by * by * A[p], A, p + 1);
-    }
-    for (int i = 0; i < n; ++i) S[i * n + i] += 1.0;
-    memcpy(left, g, sizeof(double) * (size_t)n);
-    cholesky(S, n);
-    cholesky_solve(S, n, left);
-    for (int i = 0; i < n; ++i) fastest = larger(fastest, fabs(left[i]) / stack->velocity[i]);
-    const double share = larger(fastest - IDLE, 0.0) / (LIVELY - IDLE);
-    for (int i = 0; i < n && share < 1.0; ++i) g[i] *= share;
-    arena->used = mark;
 }
 
 /* The part of the box that lies in what is there already; its nearest face if none does. */
@@ -93,8 +56,6 @@ void stack_rows(const Stack *stack, const Cycle *cycle, Hierarchy *hierarchy, Ar
                                        stack->damping[task->level]};
             approach_rate(&brakes, &wanted, rate, arena);
             for (int i = 0; i < task->m; ++i) b[at + i] += rate[i];
-        } else if (stack->share > 0.0 && first > 0 && task->m == n) {
-            ease_off(stack, task, A, b + at, arena);
         }
         at += task->m;
     }

@@ -28,10 +28,9 @@ typedef struct {
     StackTask *tasks;
     StackLimit *limits;
     const double *damping;            /* (levels) */
-    const double *velocity;           /* (n) limits, which say what is slow */
     const double *acceleration, *jerk; /* (n) limits that tasks brake with, infinite for none */
     double share, period;             /* share of them that is counted on; 0: errors go in
-                                         proportion, and objectives never rest */
+                                         proportion */
 } Stack;
 
 size_t memory_for_rows(int n, int m, int rows);

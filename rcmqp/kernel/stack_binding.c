@@ -12,7 +12,7 @@ typedef struct {
     PyObject_HEAD
     Stack stack;
     PyObject *blocks, *names, *ends; /* kept alive; names of the numbers in a summary */
-    double *numbers;  /* damping, velocity, acceleration, jerk */
+    double *numbers;  /* damping, acceleration, jerk */
     double *sets;     /* (levels + 1, SETS, bounds) active sets found last */
     double *memory;
     size_t capacity;
@@ -103,21 +103,19 @@ static void read_abilities(Stack *stack, double *acceleration, double *jerk)
     stack->acceleration = acceleration, stack->jerk = jerk;
 }
 
-/* Stack(levels, limits, velocity, acceleration, jerk, share, period, guarded, max_rounds, names) */
+/* Stack(levels, limits, acceleration, jerk, share, period, guarded, max_rounds, names) */
 static PyObject *stack_new(PyTypeObject *type, PyObject *args, PyObject *options)
 {
-    static char *known[] = {"levels", "limits",  "velocity",   "acceleration", "jerk", "share",
-                            "period", "guarded", "max_rounds", "names",        NULL};
-    PyObject *levels, *limits, *velocity, *acceleration, *jerk, *names;
+    static char *known[] = {"levels", "limits", "acceleration", "jerk", "share", "period",
+                            "guarded", "max_rounds", "names", NULL};
+    PyObject *levels, *limits, *acceleration, *jerk, *names;
     double share, period;
     int guarded, max_rounds;
-    if (!PyArg_ParseTupleAndKeywords(args, options, "$O!O!OOOddiiO!:Stack", known, &PyTuple_Type,
-                                     &levels, &PyTuple_Type, &limits, &velocity, &acceleration,
-                                     &jerk, &share, &period, &guarded, &max_rounds, &PyTuple_Type,
-                                     &names))
+    if (!PyArg_ParseTupleAndKeywords(args, options, "$O!O!OOddiiO!:Stack", known, &PyTuple_Type,
+                                     &levels, &PyTuple_Type, &limits, &acceleration, &jerk, &share,
+                                     &period, &guarded, &max_rounds, &PyTuple_Type, &names))
         return NULL;
     const npy_intp n = size_of(acceleration);
-    const double *v = numbers_of(velocity, NPY_DOUBLE, n, "velocity");
     const double *a = numbers_of(acceleration, NPY_DOUBLE, n, "acceleration");
     const double *j = numbers_of(jerk, NPY_DOUBLE, n, "jerk");
     if (PyErr_Occurred()) return NULL;
@@ -130,23 +128,22 @@ static PyObject *stack_new(PyTypeObject *type, PyObject *args, PyObject *options
     self->guarded = guarded, self->max_rounds = max_rounds, self->bounds = -1;
     self->names = Py_NewRef(names), self->blocks = PyList_New(0);
     self->ends = PyArray_ZEROS(1, &size, NPY_INT64, 0);
-    self->numbers = PyMem_Calloc(count + 3 * (size_t)n, sizeof(double));
+    self->numbers = PyMem_Calloc(count + 2 * (size_t)n, sizeof(double));
     if (self->numbers == NULL) PyErr_NoMemory();
     if (PyTuple_GET_SIZE(names) != size + 3 || guarded < 0 || guarded >= size || max_rounds < 1 ||
         n < 1)
         PyErr_SetString(PyExc_ValueError, "names must be four more than there are levels, guarded "
                                           "at most as many, max_rounds positive, and a joint there");
     if (!PyErr_Occurred()) { /* before a task's number calls Python */
-        memcpy(self->numbers + count, v, sizeof(double) * (size_t)n);
-        memcpy(self->numbers + count + n, a, sizeof(double) * (size_t)n);
-        memcpy(self->numbers + count + 2 * n, j, sizeof(double) * (size_t)n);
+        memcpy(self->numbers + count, a, sizeof(double) * (size_t)n);
+        memcpy(self->numbers + count + n, j, sizeof(double) * (size_t)n);
     }
     if (PyErr_Occurred() || read_tasks(self, levels) < 0 || read_limits(self, limits) < 0) {
         Py_DECREF(self);
         return NULL;
     }
-    stack->damping = self->numbers, stack->velocity = self->numbers + count;
-    read_abilities(stack, self->numbers + count + n, self->numbers + count + 2 * n);
+    stack->damping = self->numbers;
+    read_abilities(stack, self->numbers + count, self->numbers + count + n);
     return (PyObject *)self;
 }
 
