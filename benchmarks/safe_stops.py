@@ -15,7 +15,8 @@ in the states in which the trocar can be kept and in all.
 The trocar can be kept if a plain stop on it is inside all limits and within 0.05 mm of where the
 shaft was: all accelerations go to zero in proportion, then all speeds, both with 0.7 of the
 acceleration and jerk of the joint that allows least; in each cycle, the pseudo-inverse adds what
-puts the shaft back by the end of it, all of the way in one stop that is tried, half in another.
+puts the shaft back by the end of it. Two such stops are tried: one goes all of the way back in a
+cycle, the other three quarters.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ SHARE = 0.7
 """Of acceleration and jerk in the plainest stop; the rest is for the way that the arm bends."""
 
 NEAR = 5e-5
-"""How far the shaft may be from where it was, where the trocar can be kept [m]."""
+"""A stop that keeps the trocar leaves the shaft as near to where it was [m]."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +143,14 @@ def can_be_kept(
     period: float,
     back: float,
 ) -> bool:
-    """Whether the plain stop that puts ``back`` of the shaft's error back is one, see above."""
+    """Whether a plain stop keeps the trocar, see above; each pass takes ``back`` of the error."""
     arm, T = insertion.arm, period
     q = arm.integrate(arm.configuration(angles), v, T)
     angles = angles + T * v
     held = nearest(insertion.state(q), pivot)
     for plain in plainest(arm, v, a, T):
         before, v = v, plain
-        for _ in range(2):  # Newton's method; the second step is for the curvature
+        for _ in range(2):  # the second pass sees the curvature
             state = insertion.state(arm.integrate(q, v, T))
             off = state.oMe.actInv(held)
             v = v + back * np.linalg.pinv(across(state, float(off[2])), rcond=1e-3) @ off[:2] / T

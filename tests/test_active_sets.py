@@ -11,6 +11,7 @@ import pytest
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp import Bounds, Hierarchy, HierarchySolution, Level, get_solver
 from rcmqp.qp.hierarchy import propose
+from rcmqp.qp.levels import Route
 
 DAMPINGS = (0.0, 0.02, 0.03)
 """Of RCM, tip and roll: as the levels of a controller are."""
@@ -123,3 +124,35 @@ def test_a_proposal_for_absurd_numbers_warns_of_nothing(size: float) -> None:
     goal = np.array([size, -size])
     _, multipliers = propose(get_solver("daqp"), np.eye(2), goal, np.eye(2), -box, box)
     assert np.isfinite(multipliers).all()
+
+
+def test_an_active_set_that_was_right_at_once_is_called_polished_whoever_has_it() -> None:
+    levels = [Level(np.eye(3), np.array([3.0, 0.2, -4.0]))]
+    box = Bounds(-np.ones(3), np.ones(3))
+    own, asked = Hierarchy(), Hierarchy("daqp")
+    found, proposed = own.solve(levels, box), asked.solve(levels, box)
+    assert found.levels[0].route is Route.ACTIVE_SET
+    assert proposed.levels[0].route is Route.POLISHED
+    assert own.solve(levels, box).levels[0].route is Route.POLISHED
+    np.testing.assert_array_equal(found.v, proposed.v)
+
+
+@pytest.mark.parametrize("backend", ["proxqp", "daqp"])
+def test_the_last_digit_does_not_depend_on_who_proposes(backend: str) -> None:
+    """But for a few degenerate problems; without from_deciding() of cascade.c, one in ten."""
+    own, asked = Hierarchy(), Hierarchy(backend)
+    same = [
+        np.array_equal(solved(own, problem).v, solved(asked, problem).v)
+        for problem in drifting(600)
+    ]
+    assert np.mean(same) > 0.97
+
+
+@pytest.mark.parametrize("rows", [np.zeros((0, 7)), np.zeros((2, 7))], ids=["none", "zero"])
+def test_a_level_that_asks_for_nothing_is_exact_wherever_it_stands(rows: Array) -> None:
+    nothing = Level(rows, np.zeros(len(rows)))
+    for levels, bounds in drifting(40):
+        for place in range(len(levels) + 1):
+            more = [*levels[:place], nothing, *levels[place:]]
+            found = Hierarchy().solve(more, bounds, guarded=1, sluggish=True)
+            assert found.exact, place

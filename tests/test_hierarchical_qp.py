@@ -98,7 +98,7 @@ def test_the_backend_changes_the_time_and_not_the_path(arm: str, name: str) -> N
     if name == "view_steps" or arm != "z1":
         assert expected.diagnostics["joints_at_limit"].max() > 0
     for backend in ("proxqp", "daqp"):
-        assert_allclose(ran(scenario, backend=backend).q, expected.q, rtol=0, atol=1e-6)
+        assert_allclose(ran(scenario, backend=backend).q, expected.q, rtol=0, atol=1e-12)
 
 
 def test_a_breathing_trocar_of_known_velocity_keeps_its_rcm() -> None:

@@ -380,23 +380,22 @@ static void solve_open(Search *search, double *y)
 }
 
 /* The optimum y and its multipliers once more, out of the bounds that decide it and nothing else: so
- * the last digits do not depend on the way to it. Where joints are at their limits of jerk, these
- * digits matter after some hundred cycles. Returns whether it is the optimum; if not, all stays. */
-static int from_deciding(Search *search, double *y, double *lam, Arena *arena)
+ * its last digits do not depend on the way to it. Where joints are at their limits of jerk, they
+ * matter after some hundred cycles. Where that is not proved at once, as in degenerate cases, y, its
+ * multipliers and the guess stay as they are. */
+static void from_deciding(Search *search, double *y, double *lam, Arena *arena)
 {
     const size_t mark = arena->used;
     const int r = search->problem->r, k = search->problem->k;
     double *again = take(arena, r), *guess = take(arena, k), *others = take(arena, k);
     for (int i = 0; i < k; ++i) guess[i] = lam[i] > 0.0 ? 1.0 : lam[i] < 0.0 ? -1.0 : 0.0;
     search->face.count = -1;
-    const int found = solve_level(search->problem, 1, guess, &search->face, again, others, arena) == 1;
-    if (found) {
+    if (solve_level(search->problem, 1, guess, &search->face, again, others, arena) == 1) {
         memcpy(y, again, sizeof(double) * (size_t)r);
         memcpy(lam, others, sizeof(double) * (size_t)k);
         memcpy(search->guess, guess, sizeof(double) * (size_t)k);
     }
     arena->used = mark;
-    return found;
 }
 
 /* The optimum y (free) of a step, its multipliers lam (k), and its active set (N), which is tried
@@ -423,7 +422,7 @@ static Route answer(Search *search, int first, double *set, double *y, double *l
             return FAILED;
         for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
         used = solve_level(problem, most, guess, &search->face, y, lam, arena);
-        if (asks && (used < 0 || !any(lam, k))) { /* of many optima, the one of no proposal */
+        if (asks && (used < 0 || !any(lam, k))) { /* many optima: that of no proposal */
             memset(guess, 0, sizeof(double) * (size_t)k);
             used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         }
@@ -432,9 +431,12 @@ static Route answer(Search *search, int first, double *set, double *y, double *l
         memset(y, 0, sizeof(double) * (size_t)problem->r);
         memset(lam, 0, sizeof(double) * (size_t)k);
     }
-    if (searched && used > 0 && any(lam, k)) used += from_deciding(search, y, lam, arena);
-    for (int i = 0; i < k; ++i) set[index[i]] = guess[i];
     *rounds += used > 0 ? used : -used;
+    if (searched && used > 0 && any(lam, k)) {
+        from_deciding(search, y, lam, arena);
+        ++*rounds;
+    }
+    for (int i = 0; i < k; ++i) set[index[i]] = guess[i];
     return used == 1 ? POLISHED : used > 0 ? ACTIVE_SET : UNVERIFIED;
 }
 

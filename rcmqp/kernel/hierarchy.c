@@ -522,6 +522,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
                                         n, 0, REACHED_SPEED * level.damping,
                                         solution->residual + first);
         }
+        if (norm_of(level.A, level.m * n) == 0.0) kkt = 0.0; /* nothing to do, nothing to prove */
         info[KKT] = kkt = larger(kkt, over);
         const int proved = kkt <= EXACT && !descent->doubts[k];
         if (info[ROUTE] <= ACTIVE_SET && !proved) info[ROUTE] = UNVERIFIED;

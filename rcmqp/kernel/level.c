@@ -28,9 +28,10 @@
 /* A row joins a proposed working set if this much of it is new. */
 #define INDEPENDENT 1e-8
 
-/* A guess that exceeds bounds by more gets the one exceeded most, MENDED times. What is feasible to
- * FEASIBILITY_TOL only would depend on the guess. */
-#define CLOSE 1e-15
+/* A guess that exceeds a bound by more than CLOSE, relative to its size where that is above one, is
+ * mended: it gets the bound exceeded most, at most MENDED times. A y that is feasible to
+ * FEASIBILITY_TOL only has last digits that depend on the guess. */
+#define CLOSE 1e-14
 #define MENDED 3
 
 /* Rows held at a bound. */
@@ -137,12 +138,12 @@ static int proposes(const Face *face, const double *proposed, int k)
 static int exceeded(const Problem *problem, const Face *face, const double *y, double *side)
 {
     const int r = problem->r;
-    double most = CLOSE;
+    double most = 0.0;
     int row = -1;
     for (int i = 0; i < problem->k; ++i) {
         const double *R = problem->R + i * r, Ry = dot(R, y, r);
         const double above = Ry - problem->upper[i], below = problem->lower[i] - Ry;
-        if (!(larger(above, below) > most)) continue;
+        if (!(larger(above, below) > larger(most, CLOSE * larger(1.0, fabs(Ry))))) continue;
         double left = 0.0;
         for (int b = face->count; b < r; ++b) {
             double part = 0.0;
