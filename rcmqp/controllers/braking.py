@@ -15,6 +15,7 @@ from rcmqp.maths.smooth import braking_speed
 from rcmqp.qp import Hierarchy
 from rcmqp.qp.levels import Bounds, Level
 from rcmqp.references.view import STILL, Reference
+from rcmqp.tasks.base import Residual
 from rcmqp.tasks.placement import RcmTask
 from rcmqp.world.arm import ArmState
 from rcmqp.world.insertion import Insertion
@@ -81,12 +82,13 @@ class Brake:
     """The safe stop of an arm: joints slow down together, the shaft staying on the trocar.
 
     Above all levels is the box of the joints' limits. In it the shaft's point at the trocar does
-    not move, see RcmTask; below that, all joints slow down in proportion, v = s v', with s as
-    small as every joint's limits of acceleration and jerk allow: the rate of the common slowing
-    down is chosen like the acceleration of a joint, with the least of A_i / |v_i| and of
-    j_i / |v_i| as its limits, such that it is zero again at rest. No joint is sent through zero
-    by this, and a joint that has to stop faster, or cannot follow, does what its own limits
-    allow.
+    not move, see RcmTask; the rows are of second order in the period, so where a first answer
+    leads is looked at, and a second one makes up for what they lack. Below that, all joints slow
+    down in proportion, v = s v', with s as small as every joint's limits of acceleration and jerk
+    allow: the rate of the common slowing down is chosen like the acceleration of a joint, with
+    the least of A_i / |v_i| and of j_i / |v_i| as its limits, such that it is zero again at rest.
+    No joint is sent through zero by this, and a joint that has to stop faster, or cannot follow,
+    does what its own limits allow.
 
     The box is that of JointLimits with all of the acceleration and the jerk, joined with that of
     its usual shares: both let a joint stop before its position limit, and what one of them has
@@ -164,11 +166,19 @@ class Brake:
         rcm = self._rcm.evaluate(state, Reference(state.x, np.zeros(8), pivot, STILL))
         off, fastest = float(np.linalg.norm(rcm.error)), PULL * float(np.abs(v).max())
         gain = self._rcm.gain if self._rcm.gain * off <= fastest else fastest / off
-        levels = [
-            Level(rcm.jacobian, -gain * rcm.error - rcm.drift, "rcm"),
-            Level(np.eye(arm.nv), wanted, "slower"),
-        ]
-        return self._hierarchy.solve(levels, Bounds(lower, upper)).v.copy()
+        rate = -gain * rcm.error - rcm.drift
+        slower, box = Level(np.eye(arm.nv), wanted, "slower"), Bounds(lower, upper)
+        found = self._hierarchy.solve([Level(rcm.jacobian, rate, "rcm"), slower], box).v
+        rate = rate - self._unseen(state, rcm, pivot, found)
+        return self._hierarchy.solve([Level(rcm.jacobian, rate, "rcm"), slower], box).v.copy()
+
+    def _unseen(self, state: ArmState, rcm: Residual, pivot: Array, v: Array) -> Array:
+        """What the RCM's rows do not see of d(error)/dt (2,) in the next cycle, at ``v`` [m/s]."""
+        ahead = self.insertion.state(self.insertion.arm.integrate(state.q, v, self.period))
+        then = self._rcm.evaluate(ahead, Reference(ahead.x, np.zeros(8), pivot, STILL)).error
+        axes, axes_then = state.oMe.rotation[:, :2], ahead.oMe.rotation[:, :2]
+        change = (axes.T @ axes_then @ then - rcm.error) / self.period
+        return np.asarray(change - rcm.jacobian @ v - rcm.drift)
 
     def cycles(self, v: Array, a: Array) -> int:
         """Cycles that the slowest joint needs to stop by itself, at most."""
