@@ -41,7 +41,7 @@ SHARE = 0.7
 """Of acceleration and jerk in the plainest stop; the rest is for the way that the arm bends."""
 
 NEAR = 5e-5
-"""A stop that keeps the trocar leaves the shaft as near to where it was [m]."""
+"""How far the shaft may move in a stop that keeps the trocar [m]."""
 
 
 @dataclass(frozen=True)

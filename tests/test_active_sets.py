@@ -126,7 +126,8 @@ def test_a_proposal_for_absurd_numbers_warns_of_nothing(size: float) -> None:
     assert np.isfinite(multipliers).all()
 
 
-def test_an_active_set_that_was_right_at_once_is_called_polished_whoever_has_it() -> None:
+def test_the_route_is_polished_where_the_first_guess_was_right() -> None:
+    """The guess of a backend, or the active set of the last call."""
     levels = [Level(np.eye(3), np.array([3.0, 0.2, -4.0]))]
     box = Bounds(-np.ones(3), np.ones(3))
     own, asked = Hierarchy(), Hierarchy("daqp")

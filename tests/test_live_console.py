@@ -26,15 +26,14 @@ from at_the_console import (
     tip,
     until,
 )
+from priorities import may_be_real_time, policies, shows_priorities
 from served import served
 from test_urdf import urdf
 
 from rcmqp import Run, Scenario
 from rcmqp.cli import main
-from rcmqp.errors import OptionError
 from rcmqp.live.console import LiveReport, latency_row
 from rcmqp.live.steering import RELEASED
-from rcmqp.realtime.system import processors, real_time_priority
 from rcmqp.show.viewer.browser import PATIENCE, browser
 from rcmqp.show.viewer.build import write_page
 
@@ -197,19 +196,11 @@ def test_a_page_says_that_it_is_over_and_whether_the_connection_was_lost() -> No
             window.close()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="real-time priorities are Linux's")
+@shows_priorities
 def test_the_loop_is_before_ordinary_processes_where_permitted_and_nothing_else_is(
     tmp_path: Path,
 ) -> None:
-    real_time = processors() > 1
-    try:
-        with real_time_priority():
-            pass
-    except OptionError:
-        real_time = False
-
-    def policies(pid: int) -> set[int]:
-        return {os.sched_getscheduler(int(name)) for name in os.listdir(f"/proc/{pid}/task")}
+    real_time = may_be_real_time()
 
     def children(pid: int) -> list[int]:
         return [*map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]

@@ -7,7 +7,6 @@ import itertools
 import json
 import os
 import socket
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -17,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 from at_the_console import ARM, until
+from priorities import may_be_real_time, policies, shows_priorities
 
 from rcmqp import load_scenario, make_controller
-from rcmqp.errors import OptionError
 from rcmqp.live.loop_process import LoopProcess, channel_ends, loop_process
 from rcmqp.live.messages import Hand
 from rcmqp.live.session import Session, simulated
@@ -27,7 +26,6 @@ from rcmqp.live.steering import Held
 from rcmqp.realtime.latency import RECENT, Ticks
 from rcmqp.realtime.loop import RealtimeLoop
 from rcmqp.realtime.simulated_arm import SimulatedArm
-from rcmqp.realtime.system import processors, real_time_priority
 
 SCENARIO = load_scenario("camera_task", ARM)
 HAND = {"scale": 1.0, "viscosity": 15.0}
@@ -88,15 +86,7 @@ def test_what_a_law_prints_is_no_answer_to_the_server(
         assert f"hello from {place}\n" in text
 
 
-def may_be_real_time() -> bool:
-    try:
-        with real_time_priority() as priority:
-            return processors() > 1 and not priority.words.endswith("started")
-    except OptionError:
-        return False
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="real-time priorities are Linux's")
+@shows_priorities
 def test_a_loop_whose_law_is_too_slow_does_not_hold_a_core_at_real_time_priority(
     tmp_path: Path,
 ) -> None:
@@ -104,18 +94,13 @@ def test_a_loop_whose_law_is_too_slow_does_not_hold_a_core_at_real_time_priority
     slow, real_time = f"time.sleep({3.0 * SCENARIO.period})", may_be_real_time()
     with loop_process(header(tmp_path / "own.py", slow)) as loop:
         loop.prepare()
-        tasks = Path(f"/proc/{loop.number}/task")
-
-        def policies() -> set[int]:
-            return {os.sched_getscheduler(int(task.name)) for task in tasks.iterdir()}
-
-        assert policies() == {os.SCHED_FIFO if real_time else os.SCHED_OTHER}
+        assert policies(loop.number) == {os.SCHED_FIFO if real_time else os.SCHED_OTHER}
         loop.start()
         numbers = itertools.count(1)
 
         def gave_up() -> bool:
             hold(loop, next(numbers))
-            return policies() == {os.SCHED_OTHER}
+            return policies(loop.number) == {os.SCHED_OTHER}
 
         until(gave_up, "the loop to be at ordinary priority")
         loop.stop()

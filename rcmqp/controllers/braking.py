@@ -163,7 +163,7 @@ class Brake:
             return np.clip(wanted, lower, upper)
         state = dataclasses.replace(shaft, v=v, a=a)
         pivot = nearest(state, np.array(self.insertion.trocar.pivot)) if held is None else held
-        rcm = self._rcm.evaluate(state, Reference(state.x, np.zeros(8), pivot, STILL))
+        rcm = self._off(state, pivot)
         off, fastest = float(np.linalg.norm(rcm.error)), PULL * float(np.abs(v).max())
         gain = self._rcm.gain if self._rcm.gain * off <= fastest else fastest / off
         rate = -gain * rcm.error - rcm.drift
@@ -172,10 +172,14 @@ class Brake:
         rate = rate - self._unseen(state, rcm, pivot, found)
         return self._hierarchy.solve([Level(rcm.jacobian, rate, "rcm"), slower], box).v.copy()
 
+    def _off(self, state: ArmState, pivot: Array) -> Residual:
+        """The RCM's rows, and how far the shaft is off a point (3,) that stands still."""
+        return self._rcm.evaluate(state, Reference(state.x, np.zeros(8), pivot, STILL))
+
     def _unseen(self, state: ArmState, rcm: Residual, pivot: Array, v: Array) -> Array:
         """What the RCM's rows do not see of d(error)/dt (2,) in the next cycle, at ``v`` [m/s]."""
         ahead = self.insertion.state(self.insertion.arm.integrate(state.q, v, self.period))
-        then = self._rcm.evaluate(ahead, Reference(ahead.x, np.zeros(8), pivot, STILL)).error
+        then = self._off(ahead, pivot).error
         axes, axes_then = state.oMe.rotation[:, :2], ahead.oMe.rotation[:, :2]
         change = (axes.T @ axes_then @ then - rcm.error) / self.period
         return np.asarray(change - rcm.jacobian @ v - rcm.drift)

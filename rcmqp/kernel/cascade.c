@@ -422,7 +422,7 @@ static Route answer(Search *search, int first, double *set, double *y, double *l
             return FAILED;
         for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
         used = solve_level(problem, most, guess, &search->face, y, lam, arena);
-        if (asks && (used < 0 || !any(lam, k))) { /* many optima: that of no proposal */
+        if (asks && (used < 0 || !any(lam, k))) { /* with many optima, none proposed */
             memset(guess, 0, sizeof(double) * (size_t)k);
             used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         }

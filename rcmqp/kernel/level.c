@@ -29,8 +29,8 @@
 #define INDEPENDENT 1e-8
 
 /* A guess that exceeds a bound by more than CLOSE, relative to its size where that is above one, is
- * mended: it gets the bound exceeded most, at most MENDED times. A y that is feasible to
- * FEASIBILITY_TOL only has last digits that depend on the guess. */
+ * mended: it gets the bound exceeded most, at most MENDED times. If y keeps its bounds to
+ * FEASIBILITY_TOL and no better, its last digits depend on the guess. */
 #define CLOSE 1e-14
 #define MENDED 3
 
