@@ -185,6 +185,10 @@ def right_block(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
         "posture": {"posture": rng.normal(size=n), "continuous": np.zeros(n)},
         "objective": {"K_c": 1.0, "c_d": 0.1, "objective": _kernel.Block("manipulability")},
         "joints": {"period": 1e-3} | {name: 1.0 + rng.uniform(size=n) for name in lines},
+        "trocar_speed": {
+            **{"gain": 20.0, "share": 0.5, "period": 1e-3},
+            "acceleration": 1.0 + rng.uniform(size=n),
+        },
         "trocar_cone": damper | {"half_angle": 1.0, "axis": np.eye(3)[2]},
         "trocar_depth": damper | wrist | {"shallowest": 0.0, "deepest": 0.2},
         "keep_out": sphere,

@@ -15,7 +15,7 @@ from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import JOINT_LIMITS, Given
 from rcmqp.controllers.stack import LevelOfTasks, Stack
 from rcmqp.errors import OptionError
-from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth
+from rcmqp.limits import JointLimits, KeepOut, Limit, TrocarCone, TrocarDepth, TrocarSpeed
 from rcmqp.maths.options import at_least, finite, from_to
 from rcmqp.qp import Bounds, Level
 from rcmqp.references.view import Reference
@@ -39,6 +39,9 @@ DEPTH_DECELERATION = 0.2
 
 OBSTACLE_DECELERATION = 0.2
 """What the instrument may be slowed down with before an obstacle [m/s^2]."""
+
+SLOWING = 20.0
+"""How fast joints may come to the speed at which TrocarSpeed ends [1/s]."""
 
 EASING = 0.5
 """Share of the joints' jerk that these decelerations begin and end with."""
@@ -77,7 +80,7 @@ class HierarchicalQP(Controller):
         HierarchicalQP(insertion, T, levels=levels)
 
     The limits, unless ``limits`` gives others: JointLimits (position, speed, acceleration, jerk,
-    braking distance counted), TrocarCone, TrocarDepth, KeepOut for each obstacle.
+    braking distance counted), TrocarSpeed, TrocarCone, TrocarDepth, KeepOut for each obstacle.
 
     The joints' limits always hold. The RCM is strict where it can be reached. The levels below it
     weigh joint speed against what it buys (Task.damping), so that v does not jump and the arm
@@ -239,7 +242,7 @@ def _check_list(name: str, items: object, what: str) -> None:
 
 
 def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> tuple[Limit, ...]:
-    """Joint limits, the trocar's cone and depth range, and the obstacles of the scene."""
+    """Joint limits, speed that the trocar allows, its cone and depth range, and obstacles."""
     arm = insertion.arm
     bare = insertion.bare  # a wrist does not move the shaft, and a rail has other units
     acceleration, jerk = bare.acceleration[bare.turns], bare.jerk[bare.turns]
@@ -253,6 +256,7 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
 
     return (
         JointLimits(arm, period),
+        TrocarSpeed(arm=arm, period=period, gain=min(SLOWING, float(eased), 1.0 / period)),
         TrocarCone(insertion.trocar, **rates(CONE_DECELERATION)),
         TrocarDepth(insertion.trocar, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),

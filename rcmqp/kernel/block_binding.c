@@ -36,6 +36,7 @@ static const struct {
     [JOINTS] = {"joints", "period",
                 "lowest highest velocity acceleration jerk braking easing"},
     [TROCAR_CONE] = {"trocar_cone", DAMPER "half_angle axis", ""},
+    [TROCAR_SPEED] = {"trocar_speed", "gain share period", "acceleration"},
     [TROCAR_DEPTH] = {"trocar_depth", DAMPER "last wrist bends shallowest deepest", ""},
     [KEEP_OUT] = {"keep_out", DAMPER SPHERE "wrist bends", ""},
     [KEEP_IN] = {"keep_in", DAMPER SPHERE "wrist bends", ""},
@@ -59,6 +60,7 @@ static const struct {
     {"gain", offsetof(Block, gain), 1},
     {"deceleration", offsetof(Block, deceleration), 1},
     {"jerk", offsetof(Block, jerk), 1},
+    {"share", offsetof(Block, share), 1},
     {"half_angle", offsetof(Block, half_angle), 1},
     {"axis", offsetof(Block, axis), 3},
     {"shallowest", offsetof(Block, shallowest), 1},
@@ -276,7 +278,7 @@ static PyObject *rows_at(const Block *block, const Cycle *cycle, const double *g
         else rows = Py_BuildValue("(NNN)", copied(e, m, -1), copied(A, m, n), copied(b, m, -1));
     } else {
         for (int i = 0; i < n; ++i) lower[i] = -INFINITY, upper[i] = INFINITY;
-        limit_rows(cycle, block, lower, upper, A, b);
+        limit_rows(cycle, block, lower, upper, A, b, &arena);
         rows = Py_BuildValue("(NNNN)", copied(lower, n, -1), copied(upper, n, -1), copied(A, m, n),
                              copied(b, m, -1));
     }
@@ -369,7 +371,7 @@ static PyObject *block_interval(BlockObject *self, PyObject *const *args, Py_ssi
         double *lower = PyArray_DATA((PyArrayObject *)low);
         double *upper = PyArray_DATA((PyArrayObject *)up);
         for (int i = 0; i < n; ++i) lower[i] = -INFINITY, upper[i] = INFINITY;
-        limit_rows(&cycle, &self->block, lower, upper, NULL, NULL);
+        limit_rows(&cycle, &self->block, lower, upper, NULL, NULL, NULL);
     }
     for (int i = 0; i < read; ++i) Py_DECREF(arrays[i]);
     return Py_BuildValue("(NN)", low, up);

@@ -1,12 +1,17 @@
 #include "rows.h"
 
+#include "bend.h"
 #include "quaternion.h"
 #include "stopping.h"
 
 #include <math.h>
+#include <string.h>
 
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
+
+/* Share of the joints' acceleration below which the way of the shaft has no bend. */
+#define NOT_BENT 1e-9
 
 /* How fast s may shrink, at a gain and with a deceleration; limits/base.py: Damper. */
 double pace(double gain, double deceleration, double s)
@@ -54,6 +59,36 @@ static void cone_row(const Cycle *cycle, const Block *block, double *C, double *
     by[1] = sine > CONE_CENTRE ? -axis[0] / sine : 0.0;
     for (int j = 0; j < n; ++j) C[j] = by[0] * cycle->J[3 * n + j] + by[1] * cycle->J[4 * n + j];
     d[0] = paced(cycle, block, C, block->half_angle - atan2(sine, axis[2]), 0.0);
+}
+
+/* limits/instrument.py: TrocarSpeed. The row is in m/s: what a cycle of it may cost the RCM. */
+static void speed_row(const Cycle *cycle, const Block *block, double *C, double *d, Arena *arena)
+{
+    const size_t mark = arena->used;
+    const int n = cycle->n;
+    double *rows = take(arena, 2 * n), *by_v = take(arena, 2 * n), r[3], bent[2], nu[3], omega[3];
+    double S[3] = {0.0, 0.0, 0.0};
+    seen(cycle, cycle->pivot, r);
+    bend(cycle, r, bent, by_v);
+    for (int j = 0; j < n; ++j) {
+        column(cycle, j, nu, omega);
+        rows[j] = block->vectors[j] * (-r[2] * omega[1] - nu[0]);
+        rows[n + j] = block->vectors[j] * (r[2] * omega[0] - nu[1]);
+    }
+    for (int i = 0; i < 2; ++i)
+        for (int j = i; j < 2; ++j) S[i + j] = dot(rows + i * n, rows + j * n, n);
+    const double det = S[0] * S[2] - S[1] * S[1];
+    const double z[2] = {(S[2] * bent[0] - S[1] * bent[1]) / det,
+                         (S[0] * bent[1] - S[1] * bent[0]) / det};
+    const double needed = sqrt(larger(dot(z, bent, 2), 0.0)), size = hypot(bent[0], bent[1]);
+    const double by = block->period * size / needed;
+    for (int j = 0; j < n; ++j) C[j] = by * (z[0] * by_v[j] + z[1] * by_v[n + j]) / needed;
+    d[0] = dot(C, cycle->v, n) + by * block->gain * block->period * (block->share - needed);
+    if (!(needed > NOT_BENT && are_finite(C, n) && are_finite(d, 1))) {
+        memset(C, 0, sizeof(double) * (size_t)n);
+        d[0] = 1.0;
+    }
+    arena->used = mark;
 }
 
 /* Places of an instrument, seen from the effector: the end of the shaft, the joints of a wrist after
@@ -227,11 +262,12 @@ static void sphere_rows(const Cycle *cycle, const Block *block, double *C, doubl
 
 /* Narrow the box (n) by one limit, or write its rows C v <= d. */
 void limit_rows(const Cycle *cycle, const Block *block, double *lower, double *upper, double *C,
-                double *d)
+                double *d, Arena *arena)
 {
     switch (block->kind) {
     case JOINTS: joint_box(cycle, block, lower, upper); break;
     case TROCAR_CONE: cone_row(cycle, block, C, d); break;
+    case TROCAR_SPEED: speed_row(cycle, block, C, d, arena); break;
     case TROCAR_DEPTH: depth_rows(cycle, block, C, d); break;
     case KEEP_OUT: case KEEP_IN: case ENTRY_SPHERE: sphere_rows(cycle, block, C, d); break;
     default: break;

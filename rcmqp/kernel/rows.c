@@ -1,5 +1,6 @@
 #include "rows.h"
 
+#include "bend.h"
 #include "dualquaternion.h"
 #include "pose.h"
 #include "quaternion.h"
@@ -40,44 +41,13 @@ void see(Cycle *cycle)
     for (int i = 0; i < 3; ++i) cycle->nu_d[i] = 2.0 * (a[i + 1] + b[i + 1]);
 }
 
-/* Second derivative (2) of the trocar seen from the shaft, r, while the joints go on at v.
- *
- * In axes that go along with the shaft but do not spin about it: of a vector in the effector's
- * axes, d/dt changes by omega_z e_z x vector, and omega loses its z. */
-static void bend(const Cycle *cycle, const double *r, double *out)
-{
-    double twist[6] = {0}, change[6] = {0}, nu[3], omega[3], a[3], b[3], carried[3], r_dot[3];
-    for (int j = 0; j < cycle->n; ++j) { /* sum over i < j of the Lie brackets [J_i, J_j] v_i v_j */
-        column(cycle, j, nu, omega);
-        for (int i = 0; i < 3; ++i) nu[i] *= cycle->v[j], omega[i] *= cycle->v[j];
-        cross(twist + 3, nu, a);
-        cross(omega, twist, b);
-        for (int i = 0; i < 3; ++i) change[i] += a[i] - b[i];
-        cross(twist + 3, omega, a);
-        for (int i = 0; i < 3; ++i)
-            change[3 + i] += a[i], twist[i] += nu[i], twist[3 + i] += omega[i];
-    }
-    const double spin[3] = {0.0, 0.0, twist[5]};
-    cross(spin, twist, a);
-    cross(spin, twist + 3, b);
-    for (int i = 0; i < 3; ++i) change[i] += a[i], change[3 + i] += b[i];
-    twist[5] = change[5] = 0.0;
-    turned_back(cycle->R, cycle->pivot_dot, carried);
-    cross(r, twist + 3, a);
-    for (int i = 0; i < 3; ++i) r_dot[i] = a[i] - twist[i] + carried[i];
-    cross(r, change + 3, a);
-    for (int i = 0; i < 3; ++i) r_dot[i] += carried[i];
-    cross(r_dot, twist + 3, b);
-    for (int i = 0; i < 2; ++i) out[i] = a[i] - change[i] + b[i];
-}
-
 static void rcm_rows(const Cycle *cycle, double period, double *A, double *b, double *e)
 {
     const int n = cycle->n;
     double r[3], drift[3], nu[3], omega[3], second[2] = {0.0, 0.0};
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, drift);
-    if (period > 0.0) bend(cycle, r, second);
+    if (period > 0.0) bend(cycle, r, second, NULL);
     for (int i = 0; i < 2; ++i) e[i] = r[i], b[i] = -drift[i] - 0.5 * period * second[i];
     for (int j = 0; j < n; ++j) {
         column(cycle, j, nu, omega);
@@ -283,7 +253,7 @@ int rows_of(const Block *block, int n)
     case STILL: case POSTURE: case OBJECTIVE: return n;
     case KEEP_OUT: return tip_only ? 1 : 1 + pieces_of(block);
     case KEEP_IN: return tip_only ? 1 : 2 + pieces_of(block);
-    case ENTRY: case DEPTH: case ROLL: case TROCAR_CONE: case ENTRY_SPHERE: return 1;
+    case ENTRY: case DEPTH: case ROLL: case TROCAR_CONE: case TROCAR_SPEED: case ENTRY_SPHERE: return 1;
     default: return 0;
     }
 }

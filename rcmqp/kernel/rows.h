@@ -25,6 +25,7 @@ typedef enum {
     OBJECTIVE, /* K_c, c_d, objective */
     JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
     TROCAR_CONE,  /* of a damper, half_angle, axis */
+    TROCAR_SPEED, /* gain, share, period, vectors: acceleration */
     TROCAR_DEPTH, /* of a damper, last, wrist, bends, shallowest, deepest */
     KEEP_OUT,     /* of a damper, centre, velocity, on_trocar, reach, first, last, wrist, bends */
     KEEP_IN,      /* the same; in both, first is last where only the tip counts */
@@ -53,6 +54,7 @@ typedef struct Block {
     double period, K_c, c_d;
     double orientation[4]; /* that the tool is to have in the world */
     double gain, deceleration, jerk; /* of a damper, with the period */
+    double share;       /* of the joints' acceleration that holding the trocar may take */
     double half_angle, axis[3];
     double shallowest, deepest;
     double centre[3], velocity[3];
@@ -96,7 +98,7 @@ void task_rows(const Cycle *cycle, const Block *block, double *A, double *b, dou
                Arena *arena);
 
 void limit_rows(const Cycle *cycle, const Block *block, double *lower, double *upper, double *C,
-                double *d);
+                double *d, Arena *arena);
 
 double pace(double gain, double deceleration, double s);
 

@@ -68,7 +68,7 @@ void stack_rows(const Stack *stack, const Cycle *cycle, Hierarchy *hierarchy, Ar
     for (int k = 0; k < stack->limit_count; ++k) {
         const StackLimit *limit = stack->limits + k;
         if (limit->block != NULL) {
-            limit_rows(cycle, limit->block, lower, upper, C + at * n, d + at);
+            limit_rows(cycle, limit->block, lower, upper, C + at * n, d + at, arena);
         } else {
             narrow_box(limit, n, lower, upper);
             memcpy(C + at * n, limit->C, sizeof(double) * (size_t)(limit->m * n));

@@ -19,13 +19,14 @@ from rcmqp.limits.instrument import (
     TrocarDepth,
 )
 from rcmqp.limits.joints import JointLimits
+from rcmqp.limits.speed import TrocarSpeed
 from rcmqp.maths.options import check_name
 from rcmqp.maths.smooth import braking_speed
 from rcmqp.world.insertion import Insertion
 
 LIMITS: dict[str, type[Limit]] = {
     limit.name: limit
-    for limit in (JointLimits, TrocarCone, TrocarDepth, KeepOut, KeepIn, EntrySphere)
+    for limit in (JointLimits, TrocarSpeed, TrocarCone, TrocarDepth, KeepOut, KeepIn, EntrySphere)
 }
 
 
@@ -59,6 +60,7 @@ __all__ = [
     "SphereLimit",
     "TrocarCone",
     "TrocarDepth",
+    "TrocarSpeed",
     "braking_speed",
     "combine",
     "intersect",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 
 import numpy as np
 import pinocchio as pin
 
+import oracles.tasks
 from rcmqp.limits import (
     Constraint,
     Damper,
@@ -19,9 +21,11 @@ from rcmqp.limits import (
     SphereLimit,
     TrocarCone,
     TrocarDepth,
+    TrocarSpeed,
 )
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.view import Reference
+from rcmqp.tasks import RcmTask
 from rcmqp.world.arm import ArmState
 
 ON_AXIS = 1e-6
@@ -63,6 +67,29 @@ def trocar_cone(limit: TrocarCone, state: ArmState, reference: Reference) -> Con
     room = limit.trocar.cone_half_angle - math.atan2(sine, z)
     row = by_omega @ state.J_local[3:5]
     return Constraint.rows(row, [pace(limit, room)], limit.row_names)
+
+
+@constraint.register
+def trocar_speed(limit: TrocarSpeed, state: ArmState, reference: Reference) -> Constraint:
+    """See TrocarSpeed; the bend is of second degree in v, so differences are exact."""
+
+    def bend(v: Array) -> Array:
+        moving = dataclasses.replace(state, v=v)
+        with_bend, without = (
+            oracles.tasks.residual(RcmTask(period=period), moving, reference).drift
+            for period in (2.0, 0.0)
+        )
+        return np.asarray(with_bend - without)
+
+    v, nv, T = state.v, state.v.size, limit.period
+    J = oracles.tasks.residual(RcmTask(), state, reference).jacobian * limit.arm.acceleration
+    by_v = np.transpose([(bend(v + e) - bend(v - e)) / 2.0 for e in np.eye(nv)])
+    b, inverse = bend(v), np.linalg.inv(J @ J.T)
+    s = math.sqrt(b @ inverse @ b)
+    row = b @ inverse @ by_v / s
+    rate = row @ v + limit.gain * T * (limit.share - s)
+    unit = T * float(np.linalg.norm(b)) / s
+    return Constraint.rows([unit * row], [unit * rate], limit.row_names)
 
 
 @constraint.register
