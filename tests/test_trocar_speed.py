@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,19 +22,20 @@ from rcmqp.limits import Constraint, TrocarSpeed
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.references.paths import ViewMoves
 
-WILD = (
-    (0.06579552532461908, 0.44558379000237636, 0.6606239145737263, -0.0031050836200004067),
-    (-0.5928222104945512, -0.3473087858135191, 0.6931127953818672, -0.011983766033927173),
-    (0.04427943664234102, -0.5517032728440536, 0.23879198680519576, 0.009844134699806995),
-    (-0.5735362385212994, 0.3848617826967641, 1.7223495241533868, -0.03503340926682598),
+VIEWS = (
+    (-0.541, 0.537, 0.228, -0.031),
+    (0.579, -0.398, 1.365, 0.013),
+    (-0.291, -0.144, -0.113, -0.002),
+    (-0.304, -0.101, -0.385, 0.039),
 )
-"""Views in between which the UR5 reached speeds at which it lost the trocar by 101 mm."""
+"""In between, an xArm7 with weak joints came to speeds at which it lost the trocar by 62 mm."""
 
 
 @pytest.fixture(scope="module")
-def wild() -> Scenario:
-    path = ViewMoves(views=WILD, move=0.4)
-    return load_scenario("view_steps", "ur5", path=path, duration=2.0, period=0.002)
+def weak() -> Scenario:
+    path = ViewMoves(views=VIEWS, move=1.5)
+    scenario = load_scenario("view_steps", "xarm7", acceleration=1.0, jerk=50.0)
+    return replace(scenario, path=path, duration=6.5, period=0.004)
 
 
 def run(scenario: Scenario, *, limited: bool = True) -> Run:
@@ -65,11 +68,11 @@ def row_of(limit: TrocarSpeed, state: ArmState, insertion: Insertion) -> Constra
     return limit.evaluate(state, Reference(state.x, np.zeros(8), pivot, np.zeros(3)))
 
 
-def test_the_trocar_is_not_lost_at_speed(wild: Scenario) -> None:
-    free, limited = run(wild, limited=False), run(wild)
+def test_the_trocar_is_not_lost_at_speed(weak: Scenario) -> None:
+    free, limited = run(weak, limited=False), run(weak)
     assert free.rcm_error.max() > 0.05, "without the limit, or this shows nothing"
     assert limited.rcm_error.max() < 1e-6
-    insertion = wild.insertion()
+    insertion = weak.insertion()
     most = [
         max(needed(insertion, q, v) for q, v in zip(made.q[::10], made.v[::10], strict=True))
         for made in (free, limited)
@@ -86,11 +89,11 @@ def test_an_ordinary_run_does_not_notice(arm: str) -> None:
 
 @pytest.mark.parametrize("speed", [0.0, 1e200])
 def test_the_row_allows_everything_at_rest_and_at_absurd_speeds(
-    wild: Scenario, speed: float
+    weak: Scenario, speed: float
 ) -> None:
-    insertion = wild.insertion()
+    insertion = weak.insertion()
     state = insertion.state(insertion.q_start, np.full(insertion.arm.nv, speed))
-    row = row_of(TrocarSpeed(arm=insertion.arm, period=wild.period), state, insertion)
+    row = row_of(TrocarSpeed(arm=insertion.arm, period=weak.period), state, insertion)
     assert not row.C.any()
     assert row.d[0] > 0.0
 

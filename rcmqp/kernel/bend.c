@@ -2,7 +2,7 @@
 
 #include "quaternion.h"
 
-/* Linear and angular part of one twist's Lie bracket with another, added to `out` times `by`. */
+/* A twist's Lie bracket with another, nu and omega, added to `out` (6) times `by`. */
 static void add_bracket(const double *first, const double *nu, const double *omega, double by,
                         double *out)
 {
@@ -14,61 +14,73 @@ static void add_bracket(const double *first, const double *nu, const double *ome
     for (int i = 0; i < 3; ++i) out[3 + i] += by * a[i];
 }
 
-/* What the axes of the effector turn with about the shaft, spin (3), is taken off a change (6). */
-static void without_spin(const double *spin, const double *twist, double *change)
+/* spin e_z x vector, of both halves of a twist, added to a change of it (6). */
+static void add_spin(double spin, const double *twist, double *change)
 {
-    double a[3];
     for (int half = 0; half < 6; half += 3) {
-        cross(spin, twist + half, a);
-        for (int i = 0; i < 3; ++i) change[half + i] += a[i];
+        change[half] -= spin * twist[half + 1];
+        change[half + 1] += spin * twist[half];
     }
 }
 
-/* Second derivative (2) of the trocar seen from the shaft, r, while the joints go on at v; and how it
- * changes by v, by_v (2, n), unless that is NULL.
- *
- * In axes that go along with the shaft but do not spin about it: of a vector in the effector's
- * axes, d/dt changes by omega_z e_z x vector, and omega loses its z. */
-void bend(const Cycle *cycle, const double *r, double *out, double *by_v)
+/* Fill in the cycle's twist J v and its change while v stays, without their spin about the shaft. */
+void see_twist(Cycle *cycle)
+{
+    double *twist = cycle->twist, *change = cycle->twist_dot, nu[3], omega[3];
+    for (int i = 0; i < 6; ++i) twist[i] = change[i] = 0.0;
+    for (int j = 0; j < cycle->n; ++j) { /* sum over i < j of the Lie brackets [J_i, J_j] v_i v_j */
+        const double v = cycle->v[j];
+        column(cycle, j, nu, omega);
+        add_bracket(twist, nu, omega, v, change);
+        for (int i = 0; i < 3; ++i) twist[i] += v * nu[i], twist[3 + i] += v * omega[i];
+    }
+    cycle->spin = twist[5];
+    add_spin(cycle->spin, twist, change);
+    twist[5] = change[5] = 0.0;
+}
+
+/* How a point of the world, r (3), which moves by `carried` (3), moves as seen from the shaft: its
+ * rate (3), and the second derivative (3). */
+void bend(const Cycle *cycle, const double *r, const double *carried, double *rate, double *out)
+{
+    const double *turning = cycle->twist + 3;
+    double a[3], b[3], both[3];
+    cross(r, turning, a);
+    for (int i = 0; i < 3; ++i) {
+        rate[i] = a[i] - cycle->twist[i] + carried[i];
+        both[i] = rate[i] + carried[i];
+    }
+    cross(r, cycle->twist_dot + 3, a);
+    cross(both, turning, b);
+    for (int i = 0; i < 3; ++i) out[i] = a[i] - cycle->twist_dot[i] + b[i];
+}
+
+/* How the first two numbers of bend() change by v (2, n). */
+void bend_by_v(const Cycle *cycle, const double *r, const double *rate, const double *carried,
+               double *out)
 {
     const int n = cycle->n;
-    double twist[6] = {0}, change[6] = {0}, nu[3], omega[3], a[3], b[3], carried[3], r_dot[3];
-    for (int j = 0; j < n; ++j) { /* sum over i < j of the Lie brackets [J_i, J_j] v_i v_j */
-        column(cycle, j, nu, omega);
-        add_bracket(twist, nu, omega, cycle->v[j], change);
-        for (int i = 0; i < 3; ++i)
-            twist[i] += cycle->v[j] * nu[i], twist[3 + i] += cycle->v[j] * omega[i];
-    }
-    const double spin[3] = {0.0, 0.0, twist[5]}, turning[3] = {twist[3], twist[4], 0.0};
-    without_spin(spin, twist, change);
-    change[5] = 0.0;
-    turned_back(cycle->R, cycle->pivot_dot, carried);
-    cross(r, turning, a);
-    for (int i = 0; i < 3; ++i) r_dot[i] = a[i] - twist[i] + 2.0 * carried[i];
-    cross(r, change + 3, a);
-    cross(r_dot, turning, b);
-    for (int i = 0; i < 2; ++i) out[i] = a[i] - change[i] + b[i];
-    double others[6]; /* those before joint j, less those after it */
+    const double *turning = cycle->twist + 3;
+    double twist[6], others[6], both[3]; /* others: the joints before j, less those after it */
+    for (int i = 0; i < 6; ++i) twist[i] = cycle->twist[i] + (i == 5 ? cycle->spin : 0.0);
     for (int i = 0; i < 6; ++i) others[i] = -twist[i];
-    for (int j = 0; j < n && by_v != NULL; ++j) {
-        double own[6] = {0}, part[3];
-        column(cycle, j, nu, omega);
-        for (int i = 0; i < 3; ++i)
-            others[i] += cycle->v[j] * nu[i], others[3 + i] += cycle->v[j] * omega[i];
-        add_bracket(others, nu, omega, 1.0, own);
-        for (int i = 0; i < 3; ++i)
-            others[i] += cycle->v[j] * nu[i], others[3 + i] += cycle->v[j] * omega[i];
-        const double own_twist[6] = {nu[0], nu[1], nu[2], omega[0], omega[1], omega[2]};
-        const double own_spin[3] = {0.0, 0.0, omega[2]}, own_turning[3] = {omega[0], omega[1], 0.0};
-        without_spin(spin, own_twist, own);
-        without_spin(own_spin, twist, own);
-        own[5] = 0.0;
+    for (int i = 0; i < 3; ++i) both[i] = rate[i] + carried[i];
+    for (int j = 0; j < n; ++j) {
+        const double v = cycle->v[j];
+        double own[6], change[6] = {0}, a[3], b[3], own_rate[3];
+        column(cycle, j, own, own + 3);
+        for (int i = 0; i < 6; ++i) others[i] += v * own[i];
+        add_bracket(others, own, own + 3, 1.0, change);
+        for (int i = 0; i < 6; ++i) others[i] += v * own[i];
+        add_spin(cycle->spin, own, change);
+        add_spin(own[5], twist, change);
+        own[5] = change[5] = 0.0;
         cross(r, own + 3, a);
-        cross(r_dot, own_turning, b);
-        for (int i = 0; i < 2; ++i) by_v[i * n + j] = a[i] - own[i] + b[i];
-        cross(r, own_turning, part);
-        for (int i = 0; i < 3; ++i) part[i] -= nu[i];
-        cross(part, turning, a);
-        for (int i = 0; i < 2; ++i) by_v[i * n + j] += a[i];
+        for (int i = 0; i < 3; ++i) own_rate[i] = a[i] - own[i];
+        cross(own_rate, turning, b);
+        for (int i = 0; i < 2; ++i) out[i * n + j] = b[i];
+        cross(r, change + 3, a);
+        cross(both, own + 3, b);
+        for (int i = 0; i < 2; ++i) out[i * n + j] += a[i] - change[i] + b[i];
     }
 }

@@ -1,9 +1,17 @@
-/* How the way of the shaft bends while the joints go on as they do. */
+/* How things move, seen from the shaft, while the joints go on as they do.
+ *
+ * In axes that go along with the shaft but do not spin about it: of a vector in the effector's axes,
+ * d/dt changes by omega_z e_z x vector, and omega loses its z. */
 #ifndef RCMQP_BEND_H
 #define RCMQP_BEND_H
 
 #include "rows.h"
 
-void bend(const Cycle *cycle, const double *r, double *out, double *by_v);
+void see_twist(Cycle *cycle);
+
+void bend(const Cycle *cycle, const double *r, const double *carried, double *rate, double *out);
+
+void bend_by_v(const Cycle *cycle, const double *r, const double *rate, const double *carried,
+               double *out);
 
 #endif

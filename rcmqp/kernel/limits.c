@@ -10,6 +10,12 @@
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
 
+/* Sine of the angle from the cone's axis beyond which a side's row would have no bounds. */
+#define SIDE_ON 0.99
+
+/* No arm goes as fast as this is: it was made of absurd numbers [m/s^2 or rad/s^2]. */
+#define MOST_BENT 1e6
+
 /* Share of the joints' acceleration below which the way of the shaft has no bend. */
 #define NOT_BENT 1e-9
 
@@ -21,15 +27,22 @@ double pace(double gain, double deceleration, double s)
     return copysign(sqrt(2.0 * A * size - A / gain * (A / gain)), s);
 }
 
+/* stopping_speed() or what is quicker. */
+typedef double (*StoppingSpeed)(double, double, double, double, double, double, double);
+
 /* d of a row C v <= d, which lets s shrink by C v - drift: at its pace, or, where jerk is limited,
- * as fast as a stop from now on lets it, if that is less. */
-static double paced(const Cycle *cycle, const Block *block, const double *C, double s, double drift)
+ * as fast as a stop from now on lets it, if that is less. While the joints go on at v, s shrinks by
+ * `bent` more a second. */
+static double paced(const Cycle *cycle, const Block *block, const double *C, double s, double drift,
+                    double bent, StoppingSpeed stopping)
 {
-    const double most = pace(block->gain, block->deceleration, s);
+    const double most = pace(block->gain, block->deceleration, s), T = block->period;
     if (!(block->jerk < INFINITY)) return most + drift;
-    const double now = dot(C, cycle->v, cycle->n) - drift, change = dot(C, cycle->a, cycle->n);
-    return drift + stopping_speed(now, change, s, most, block->deceleration, block->jerk,
-                                  block->period);
+    if (!(fabs(bent) < MOST_BENT)) bent = 0.0;
+    const double now = dot(C, cycle->v, cycle->n) - drift;
+    const double change = dot(C, cycle->a, cycle->n) + bent;
+    return drift - T * bent +
+           stopping(now, change, s, most, block->deceleration, block->jerk, T);
 }
 
 /* limits/joints.py: JointLimits. An angle that is NaN has no position limits. */
@@ -49,16 +62,58 @@ static void joint_box(const Cycle *cycle, const Block *block, double *lower, dou
     }
 }
 
-static void cone_row(const Cycle *cycle, const Block *block, double *C, double *d)
+/* The joints' part in turning the shaft about `by` (2). */
+static void turning_row(const Cycle *cycle, const double *by, double *C)
 {
     const int n = cycle->n;
-    double axis[3], by[2];
+    for (int j = 0; j < n; ++j) C[j] = by[0] * cycle->J[3 * n + j] + by[1] * cycle->J[4 * n + j];
+}
+
+/* Some unit vector (3) that is square to an axis (3). */
+static void square_to(const double *axis, double *out)
+{
+    double unit[3] = {0.0, 0.0, 0.0};
+    int least = 0;
+    for (int i = 1; i < 3; ++i) least = fabs(axis[i]) < fabs(axis[least]) ? i : least;
+    unit[least] = 1.0;
+    cross(axis, unit, out);
+    const double size = sqrt(dot(out, out, 3));
+    for (int i = 0; i < 3; ++i) out[i] /= size;
+}
+
+/* One row that keeps the shaft from leaning over to a side (3), square to the cone's axis. */
+static void side_row(const Cycle *cycle, const Block *block, const double *side, double *C, double *d)
+{
+    double own[3];
+    turned_back(cycle->R, side, own);
+    memset(C, 0, sizeof(double) * (size_t)cycle->n);
+    d[0] = 1.0;
+    if (!(fabs(own[2]) < SIDE_ON)) return;
+    const double width = sqrt(1.0 - own[2] * own[2]), by[2] = {-own[1] / width, own[0] / width};
+    turning_row(cycle, by, C);
+    d[0] = paced(cycle, block, C, block->half_angle - asin(own[2]), 0.0,
+                 dot(by, cycle->twist_dot + 3, 2), about_stopping_speed);
+}
+
+/* The row of the angle from the cone's axis; and where a stop takes time those of its sides, for the
+ * shaft may come over the axis, too fast to be stopped on the other side. */
+static void cone_rows(const Cycle *cycle, const Block *block, double *C, double *d)
+{
+    double axis[3], by[2], side[3], next[3];
     turned_back(cycle->R, block->axis, axis);
     const double sine = hypot(axis[0], axis[1]);
     by[0] = sine > CONE_CENTRE ? axis[1] / sine : axis[2] > 0.0 ? 0.0 : 1.0;
     by[1] = sine > CONE_CENTRE ? -axis[0] / sine : 0.0;
-    for (int j = 0; j < n; ++j) C[j] = by[0] * cycle->J[3 * n + j] + by[1] * cycle->J[4 * n + j];
-    d[0] = paced(cycle, block, C, block->half_angle - atan2(sine, axis[2]), 0.0);
+    turning_row(cycle, by, C);
+    d[0] = paced(cycle, block, C, block->half_angle - atan2(sine, axis[2]), 0.0,
+                 dot(by, cycle->twist_dot + 3, 2), stopping_speed);
+    if (!(block->deceleration < INFINITY)) return;
+    square_to(block->axis, side);
+    for (int k = 1; k <= CONE_SIDES; ++k) {
+        side_row(cycle, block, side, C + k * cycle->n, d + k);
+        cross(block->axis, side, next); /* turned on by 60 degrees */
+        for (int i = 0; i < 3; ++i) side[i] = 0.5 * side[i] + 0.5 * sqrt(3.0) * next[i];
+    }
 }
 
 /* limits/instrument.py: TrocarSpeed. The row is in m/s: what a cycle of it may cost the RCM. */
@@ -66,10 +121,12 @@ static void speed_row(const Cycle *cycle, const Block *block, double *C, double 
 {
     const size_t mark = arena->used;
     const int n = cycle->n;
-    double *rows = take(arena, 2 * n), *by_v = take(arena, 2 * n), r[3], bent[2], nu[3], omega[3];
-    double S[3] = {0.0, 0.0, 0.0};
+    double *rows = take(arena, 2 * n), *by_v = take(arena, 2 * n), r[3], carried[3], rate[3];
+    double bent[3], nu[3], omega[3], S[3] = {0.0, 0.0, 0.0};
     seen(cycle, cycle->pivot, r);
-    bend(cycle, r, bent, by_v);
+    turned_back(cycle->R, cycle->pivot_dot, carried);
+    bend(cycle, r, carried, rate, bent);
+    bend_by_v(cycle, r, rate, carried, by_v);
     for (int j = 0; j < n; ++j) {
         column(cycle, j, nu, omega);
         rows[j] = block->vectors[j] * (-r[2] * omega[1] - nu[0]);
@@ -152,9 +209,10 @@ static void depth_row(const Cycle *cycle, const Block *block, const Chain *chain
                       double side, double *C, double *d)
 {
     const double way[3] = {0.0, 0.0, side};
-    double r[3], drift[3], nu[3], omega[3], a[3];
+    double r[3], drift[3], rate[3], bent[3], nu[3], omega[3], a[3];
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, drift);
+    bend(cycle, r, drift, rate, bent);
     for (int j = 0; j < cycle->n; ++j) {
         column(cycle, j, nu, omega);
         cross(r, omega, a);
@@ -163,7 +221,8 @@ static void depth_row(const Cycle *cycle, const Block *block, const Chain *chain
     add_wrist(cycle, chain, chain->place[k], k, way, C);
     const double depth = chain->place[k][2] - r[2];
     const double room = side > 0.0 ? block->deepest - depth : depth - block->shallowest;
-    d[0] = paced(cycle, block, C, room, side * drift[2]);
+    d[0] = paced(cycle, block, C, room, side * drift[2], -side * bent[2],
+                 stopping_speed);
 }
 
 /* The tip's two; then where each piece of a wrist begins, which a bent one has deeper. */
@@ -196,6 +255,7 @@ typedef struct {
     const Block *block;
     Chain chain;
     double b[3], drift[3], side; /* 1: away from the centre; -1: towards it */
+    double rate[3], bent[3];     /* of b */
 } Sight;
 
 /* One row for a point that the first `moved` joints of the wrist move.
@@ -215,8 +275,13 @@ static void sphere_row(const Sight *sight, const double *point, int moved, doubl
     }
     const double way[3] = {side * u[0], side * u[1], side * u[2]};
     add_wrist(cycle, &sight->chain, point, moved, way, C);
+    const double *rate = sight->rate, *bent = sight->bent, nearing = dot(u, rate, 3);
+    const double about = sqrt(larger(0.0, dot(rate, rate, 3) - nearing * nearing));
+    /* going about the centre leads away from it: what that is worth, KEEP_OUT does not count on */
+    const double away = side > 0.0 || delta == 0.0 ? 0.0
+                        : about * smaller(about / delta, 1.0 / sight->block->period);
     d[0] = paced(cycle, sight->block, C, side * (delta - sight->block->reach),
-                 side * dot(u, sight->drift, 3));
+                 side * dot(u, sight->drift, 3), -side * (dot(u, bent, 3) + away), stopping_speed);
 }
 
 /* The row of the nearest point of the shaft. */
@@ -242,6 +307,7 @@ static void sphere_rows(const Cycle *cycle, const Block *block, double *C, doubl
 {
     Sight sight = {.cycle = cycle, .block = block, .side = block->kind == KEEP_OUT ? 1.0 : -1.0};
     see_sphere(cycle, block, sight.b, sight.drift);
+    bend(cycle, sight.b, sight.drift, sight.rate, sight.bent);
     see_chain(cycle, block, &sight.chain);
     const int m = sight.chain.bends, n = cycle->n, tip_only = block->first == block->last;
     const double mount[3] = {0.0, 0.0, cycle->tip + block->first};
@@ -266,7 +332,7 @@ void limit_rows(const Cycle *cycle, const Block *block, double *lower, double *u
 {
     switch (block->kind) {
     case JOINTS: joint_box(cycle, block, lower, upper); break;
-    case TROCAR_CONE: cone_row(cycle, block, C, d); break;
+    case TROCAR_CONE: cone_rows(cycle, block, C, d); break;
     case TROCAR_SPEED: speed_row(cycle, block, C, d, arena); break;
     case TROCAR_DEPTH: depth_rows(cycle, block, C, d); break;
     case KEEP_OUT: case KEEP_IN: case ENTRY_SPHERE: sphere_rows(cycle, block, C, d); break;

@@ -25,7 +25,7 @@ static void placement(const double *x, double *R, double *p)
     dq_translation(x, p);
 }
 
-/* Fill in the placements, and the desired twist omega + eps nu = 2 x_d* x_d_dot. */
+/* Fill in the placements, the desired twist omega + eps nu = 2 x_d* x_d_dot, and the twist now. */
 void see(Cycle *cycle)
 {
     double primal[4], dual[4], a[4], b[4];
@@ -39,15 +39,16 @@ void see(Cycle *cycle)
     q_mul(primal, cycle->x_d_dot + 4, a);
     q_mul(dual, cycle->x_d_dot, b);
     for (int i = 0; i < 3; ++i) cycle->nu_d[i] = 2.0 * (a[i + 1] + b[i + 1]);
+    see_twist(cycle);
 }
 
 static void rcm_rows(const Cycle *cycle, double period, double *A, double *b, double *e)
 {
     const int n = cycle->n;
-    double r[3], drift[3], nu[3], omega[3], second[2] = {0.0, 0.0};
+    double r[3], drift[3], nu[3], omega[3], rate[3], second[3] = {0.0, 0.0, 0.0};
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, drift);
-    if (period > 0.0) bend(cycle, r, second, NULL);
+    if (period > 0.0) bend(cycle, r, drift, rate, second);
     for (int i = 0; i < 2; ++i) e[i] = r[i], b[i] = -drift[i] - 0.5 * period * second[i];
     for (int j = 0; j < n; ++j) {
         column(cycle, j, nu, omega);
@@ -253,7 +254,8 @@ int rows_of(const Block *block, int n)
     case STILL: case POSTURE: case OBJECTIVE: return n;
     case KEEP_OUT: return tip_only ? 1 : 1 + pieces_of(block);
     case KEEP_IN: return tip_only ? 1 : 2 + pieces_of(block);
-    case ENTRY: case DEPTH: case ROLL: case TROCAR_CONE: case TROCAR_SPEED: case ENTRY_SPHERE: return 1;
+    case TROCAR_CONE: return block->deceleration < INFINITY ? 1 + CONE_SIDES : 1;
+    case ENTRY: case DEPTH: case ROLL: case TROCAR_SPEED: case ENTRY_SPHERE: return 1;
     default: return 0;
     }
 }

@@ -44,6 +44,9 @@ typedef enum {
 #define JOINT_NUMBERS 7
 enum { LOWEST, HIGHEST, SPEED, ACCELERATION, JERK, BRAKING, EASING };
 
+/* Sides of a cone. */
+#define CONE_SIDES 6
+
 /* Most joints of a wrist, see MOST_JOINTS in world/instrument.py; and the numbers of each. */
 #define MOST_BENDS 6
 #define BEND_NUMBERS 4
@@ -86,6 +89,7 @@ typedef struct {
     double R[9], p[3];       /* the effector's placement, from x */
     double R_t[9], p_t[3];   /* the tool's, from x_t */
     double R_d[9], p_d[3], nu_d[3], omega_d[3]; /* the desired one's, and its twist */
+    double twist[6], twist_dot[6], spin; /* the effector's, see bend.h */
 } Cycle;
 
 void see(Cycle *cycle);

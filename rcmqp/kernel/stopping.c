@@ -18,6 +18,10 @@
 #define CLOSE 1e-14
 #define GUESSES 4
 
+/* What goes towards a limit with the hardest deceleration or more loses that so many times as fast
+ * as a stop grows. */
+#define EAGER 4.0
+
 #define ROUNDING 1e-12
 
 /* maths/smooth.py: braking_speed() */
@@ -208,13 +212,32 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
     *low = rounded(v + T * *low, V), *up = rounded(v + T * *up, V);
 }
 
+/* Accelerations of the next cycle that a stop from v, its last change a, allows, up to the speed
+ * `most`; all in cycles. What comes towards the limit too fast may need more than the hardest. */
+static double least_change(double v, double a, double hardest)
+{
+    const double change = a - larger(1.0, EAGER * a / hardest);
+    return v > 0.0 ? change : larger(change, -hardest);
+}
+
 double stopping_speed(double v, double a, double distance, double most, double deceleration,
                       double jerk, double T)
 {
     const double step = jerk * T, hardest = deceleration / step;
     if (!(step < 2.0 * deceleration)) return smaller(most, braking_speed(distance, deceleration, T));
-    const double change = a / step - 1.0; /* what comes towards the limit too fast may need more */
-    const double low = v > 0.0 ? change : larger(change, -hardest);
+    const double low = least_change(v, a / step, hardest);
     const double high = larger(low, (most - v) / (T * step));
     return v + T * step * highest(v / (T * step), low, high, distance / (T * T * step), hardest);
+}
+
+double about_stopping_speed(double v, double a, double distance, double most, double deceleration,
+                            double jerk, double T)
+{
+    const double step = jerk * T, hardest = deceleration / step, far = distance / (T * T * step);
+    if (!(step < 2.0 * deceleration)) return smaller(most, braking_speed(distance, deceleration, T));
+    const double low = least_change(v, a / step, hardest), now = v / (T * step);
+    const double high = larger(low, (most - v) / (T * step));
+    double slope;
+    if (farthest(now + high, high, hardest) <= far) return v + T * step * high;
+    return v + T * step * smooth_highest(now, low, high, larger(far, 0.0), hardest, &slope);
 }

@@ -26,4 +26,8 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
 double stopping_speed(double v, double a, double distance, double most, double deceleration,
                       double jerk, double T);
 
+/* The same to a few per cent, and in a tenth of the time. */
+double about_stopping_speed(double v, double a, double distance, double most, double deceleration,
+                            double jerk, double T);
+
 #endif

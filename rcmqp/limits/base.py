@@ -207,10 +207,12 @@ class Damper(Limit):
     at the cost of every task, the RCM too. ``deceleration`` keeps the braking distance: pace
     goes over into the root sqrt(2 A s) where gain s would need more than A, see pace(). With
     ``jerk``, ds/dt is moreover no faster than a speed from which s can stop at zero, if its
-    deceleration grows by jerk T a cycle, up to A, and falls as slowly; state.v and state.a say
-    how s changes now, except for the bend of the way. If s comes too fast for that, the row asks
-    for a deceleration that still grows by jerk T a cycle, beyond A if need be. On the way back
-    from beyond the limit it asks for A at most. A jerk T of 2 A or more is not counted.
+    deceleration grows by jerk T a cycle, up to A, and falls as slowly. How s changes now is
+    known: by state.v and state.a, and by the bend of the way, which is what s is accelerated by
+    while the joints go on as they do (kernel/bend.c). If s comes too fast for that, the row asks
+    for a deceleration that still grows by jerk T a cycle, beyond A if need be; an acceleration
+    towards the limit of A or more falls four times as fast in proportion. On the way back from
+    beyond the limit it asks for A at most. A jerk T of 2 A or more is not counted.
 
     Attributes:
         gain: [1/s].

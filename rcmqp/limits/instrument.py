@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
@@ -29,8 +30,10 @@ class SphereLimit(CompiledLimit, Damper):
         delta' = u . ([b]x omega - nu + R^T c_dot),   u = (b - s e_z) / delta,
 
     which also holds for the nearest point of a segment, though that slides along the shaft: at
-    the nearest point sliding changes nothing. Of a wrist's pieces each has a row of its own, for
-    its nearest point q in the effector's axes: u = (b - q) / delta, and its joints add - u . q'.
+    the nearest point sliding changes nothing. To go about the centre leads away from it: this part
+    of the bend counts for a sphere to stay in, and not for one to keep out of, since it ends when
+    the shaft slows down. Of a wrist's pieces each has a row of its own, for its nearest point q in
+    the effector's axes: u = (b - q) / delta, and its joints add - u . q'.
 
     Attributes:
         centre: (3,) of the sphere in the world, now [m].
@@ -218,6 +221,15 @@ class TrocarCone(CompiledLimit, Damper):
     On the axis the direction of a tilt is not defined and the row is zero: the first cycle away
     from there is free. Opposite to it, every direction is a way back, and x is taken.
 
+    A shaft that comes over the axis leans to the other side next, and may be too fast to be
+    stopped there. So with a ``deceleration`` there are six more rows. Side k is a direction a_k of
+    the world, square to the axis and 60 degrees from the next; the shaft's direction z leans
+    towards it by asin(a_k . z), which is theta at most, and stays below the half angle as well:
+
+        asin(a_k . z)' <= pace(cone_half_angle - asin(a_k . z)),
+
+    with jerk to a few per cent of the speed only, because the first row is exact near the cone.
+
     Attributes:
         trocar: its axis and half angle; the axis stays as it is when the trocar moves.
     """
@@ -228,7 +240,7 @@ class TrocarCone(CompiledLimit, Damper):
 
     @functools.cached_property
     def block(self) -> Block:
-        """One row [rad/s]."""
+        """One row [rad/s], and those of the sides."""
         return Block(
             "trocar_cone",
             **self.rates,
@@ -238,8 +250,9 @@ class TrocarCone(CompiledLimit, Damper):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Name of the one row."""
-        return ("trocar cone",)
+        """Names of the row, and of the sides."""
+        sides = tuple(f"trocar cone, side {k}" for k in range(1, 7))
+        return ("trocar cone", *(sides if self.deceleration < math.inf else ()))
 
 
 @dataclass(frozen=True, eq=False)
