@@ -189,7 +189,7 @@ def right_block(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
             **{"gain": 20.0, "share": 0.5, "period": 1e-3},
             "acceleration": 1.0 + rng.uniform(size=n),
         },
-        "trocar_cone": damper | {"half_angle": 1.0, "axis": np.eye(3)[2]},
+        "trocar_cone": damper | {"half_angle": 1.0, "axis": np.eye(3)[2], "lever": 0.1},
         "trocar_depth": damper | wrist | {"shallowest": 0.0, "deepest": 0.2},
         "keep_out": sphere,
         "keep_in": sphere,
@@ -211,7 +211,7 @@ def right_stack(rng: np.random.Generator) -> tuple[int, dict[str, Any]]:
     cone = block(
         "trocar_cone",
         **{"gain": 60.0, "deceleration": 0.2, "jerk": 5.0, "period": 1e-3},
-        **{"half_angle": 1.0, "axis": np.eye(3)[2]},
+        **{"half_angle": 1.0, "axis": np.eye(3)[2], "lever": 0.1},
     )
     levels = ((0.0, ((rcm, 60.0, 1.0),)), (0.01, ((tip, 60.0, 1.0), (None, 1.0, 0.5))))
     return n, {

@@ -21,7 +21,13 @@ from rcmqp.show.table import Table
 LOW, HIGH = (-0.6, -0.6, -3.0, -0.05), (0.6, 0.6, 3.0, 0.08)
 """Of alpha, beta, gamma [rad] and t_z [m]."""
 
-HEADS = ("RCM max [mm], median", "largest", "cone [mrad]", "depth [mm]", "obstacle [mm]")
+HEADS = (
+    "RCM max [mm], median",
+    "largest",
+    "beyond the cone [mrad]",
+    "beyond the depth range [mm]",
+    "in an obstacle [mm]",
+)
 
 
 def gave_way(arm: str, name: str, rng: np.random.Generator, backend: str) -> list[float]:

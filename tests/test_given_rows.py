@@ -76,7 +76,7 @@ def test_how_many_rows_there_are_may_change_from_cycle_to_cycle() -> None:
         account = controller.step(state, reference).account
         assert isinstance(account, HierarchySolution)
         walls_seen = tuple(f"wall {i}" for i in range(k % 4))
-        assert account.names == (*insertion.arm.joints, *walls_seen, "trocar cone")
+        assert account.names == (*insertion.arm.joints, *walls_seen, "trocar speed")
         assert account.levels[1].residual.size == k % 3
         assert account.violation.size == k % 4 + 1
         kept.append((account, k % 3))
@@ -314,7 +314,7 @@ def test_a_stack_refuses_what_it_cannot_be_made_of_or_stepped_with() -> None:
         "names": tuple("abcde"),
     }
     rates = dict.fromkeys(("gain", "deceleration", "jerk", "period"), 1.0)
-    cone = _kernel.Block("trocar_cone", **rates, half_angle=1.0, axis=[0, 0, 1])
+    cone = _kernel.Block("trocar_cone", **rates, half_angle=1.0, axis=[0, 0, 1], lever=1.0)
     for change, error in (
         ({"names": ("a",)}, ValueError),
         ({"guarded": 2}, ValueError),

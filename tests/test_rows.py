@@ -18,7 +18,7 @@ import pytest
 from helpers import assert_allclose
 
 from rcmqp import ArmState, Insertion, Reference, _kernel, load_arm
-from rcmqp.limits import LIMITS, JointLimits, Limit, TrocarCone, TrocarDepth, make_limit
+from rcmqp.limits import LIMITS, Damper, JointLimits, Limit, TrocarCone, TrocarDepth, make_limit
 from rcmqp.maths.dualquaternion import Array, from_se3
 from rcmqp.references.view import cycle
 from rcmqp.tasks import (
@@ -106,6 +106,16 @@ def test_tasks_and_objectives_give_the_rows_of_their_oracles(arm: str) -> None:
                 )
                 assert not mine.flags.writeable
             assert block_of(task) is not None
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_each_row_of_a_limit_has_a_name(arm: str) -> None:
+    state, reference = next(cycles(arm))
+    for limit in limits(arm, state):
+        braking = [replace(limit, deceleration=0.1)] if isinstance(limit, Damper) else []
+        for known in (limit, *braking):
+            found = known.evaluate(state, reference)
+            assert len(found.names) == len(found.d)
 
 
 @pytest.mark.parametrize("arm", ARMS)

@@ -59,6 +59,7 @@ def needed(insertion: Insertion, q: Array, v: Array) -> float:
         for share in (0.5, 1.0)
     )
     room, more = float(half.d[0] - half.C[0] @ v), float(whole.d[0] - half.d[0])
+    assert more > 0.0 or np.abs(v).max() < 1e-3
     return 0.5 - 0.5 * room / more if more > 0.0 else 0.0
 
 
@@ -77,7 +78,7 @@ def test_the_trocar_is_not_lost_at_speed(weak: Scenario) -> None:
         max(needed(insertion, q, v) for q, v in zip(made.q[::10], made.v[::10], strict=True))
         for made in (free, limited)
     ]
-    assert most[0] > 1.5
+    assert most[0] > 1.2
     assert most[1] < 0.65  # a half, and what the limit does not see of the way
 
 

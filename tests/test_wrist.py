@@ -346,7 +346,7 @@ def test_the_view_at_the_start_is_within_reach_however_deep_the_tool_is() -> Non
 def test_a_wrist_does_not_make_the_shafts_limits_gentler() -> None:
     arm = load_arm("panda")
     rates = [
-        [limit.rates for limit in default_limits(Insertion.on_shaft(arm, tool), 1e-3)[1:3]]  # type: ignore[attr-defined]
+        [limit.rates for limit in default_limits(Insertion.on_shaft(arm, tool), 1e-3)[2:4]]  # type: ignore[attr-defined]
         for tool in (Instrument(), NEEDLE_DRIVER)
     ]
     assert rates[0] == rates[1]

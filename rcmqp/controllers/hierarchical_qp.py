@@ -34,6 +34,12 @@ from rcmqp.world.insertion import Insertion
 CONE_DECELERATION = 1.0
 """What the shaft may be slowed down with before the cone's edge [rad/s^2]."""
 
+CONE_LEVER = 0.1
+"""How far from the trocar the cone gives way as the depth range does: about where the tip is [m].
+
+With 1, an arm whose joints were all at their limits kept the cone and went 13 mm too deep.
+"""
+
 DEPTH_DECELERATION = 0.2
 """What the tip may be slowed down with before the end of its depth range [m/s^2]."""
 
@@ -41,7 +47,7 @@ OBSTACLE_DECELERATION = 0.2
 """What the instrument may be slowed down with before an obstacle [m/s^2]."""
 
 SLOWING = 20.0
-"""How fast joints may come to the speed at which TrocarSpeed ends [1/s]."""
+"""Gain of TrocarSpeed [1/s]."""
 
 EASING = 0.5
 """Share of the joints' jerk that these decelerations begin and end with."""
@@ -50,7 +56,8 @@ ABLE = 3.5
 """Acceleration limit of the weakest joint from which an arm can do these [rad/s^2].
 
 The decelerations of a weaker arm are in proportion: its joints' limits come first, and with 0.2
-m/s^2 the LWA3 (1.7 rad/s^2) went 0.5 mm past the end of its depth range.
+m/s^2 the LWA3 (1.7 rad/s^2) went 0.5 mm past the end of its depth range. Those of an arm without
+limits of acceleration are not limited.
 """
 
 
@@ -246,7 +253,8 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
     arm = insertion.arm
     bare = insertion.bare  # a wrist does not move the shaft, and a rail has other units
     acceleration, jerk = bare.acceleration[bare.turns], bare.jerk[bare.turns]
-    share = min(1.0, float(np.min(acceleration, initial=np.inf)) / ABLE)
+    weakest = float(np.min(acceleration, initial=np.inf))
+    share = min(1.0, weakest / ABLE) if weakest < np.inf else np.inf
     limited = np.isfinite(acceleration) & np.isfinite(jerk)
     eased = EASING * np.min(jerk[limited] / acceleration[limited], initial=np.inf)
 
@@ -256,8 +264,8 @@ def default_limits(insertion: Insertion, period: float, gain: float = 60.0) -> t
 
     return (
         JointLimits(arm, period),
-        TrocarSpeed(arm=arm, period=period, gain=min(SLOWING, float(eased), 1.0 / period)),
-        TrocarCone(insertion.trocar, **rates(CONE_DECELERATION)),
+        TrocarSpeed(arm, period, gain=min(SLOWING, float(eased), 1.0 / period)),
+        TrocarCone(insertion.trocar, lever=CONE_LEVER, **rates(CONE_DECELERATION)),
         TrocarDepth(insertion.trocar, arm.wrist, **rates(DEPTH_DECELERATION)),
         *KeepOut.obstacles(insertion, **rates(OBSTACLE_DECELERATION)),
     )

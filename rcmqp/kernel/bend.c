@@ -39,7 +39,7 @@ void see_twist(Cycle *cycle)
     twist[5] = change[5] = 0.0;
 }
 
-/* How a point of the world, r (3), which moves by `carried` (3), moves as seen from the shaft: its
+/* How a point of the world, r (3), which moves on at `carried` (3), moves as seen from the shaft: its
  * rate (3), and the second derivative (3). */
 void bend(const Cycle *cycle, const double *r, const double *carried, double *rate, double *out)
 {
@@ -56,7 +56,7 @@ void bend(const Cycle *cycle, const double *r, const double *carried, double *ra
 }
 
 /* How the first two numbers of bend() change by v (2, n). */
-void bend_by_v(const Cycle *cycle, const double *r, const double *rate, const double *carried,
+void bend_by_v(const Cycle *cycle, const double *r, const double *carried, const double *rate,
                double *out)
 {
     const int n = cycle->n;

@@ -10,10 +10,14 @@
 #define CONE_CENTRE 1e-6
 #define SPHERE_CENTRE 1e-9
 
-/* Sine of the angle from the cone's axis beyond which a side's row would have no bounds. */
+/* Sine of the lean beyond which a side has no row. */
 #define SIDE_ON 0.99
 
-/* No arm goes as fast as this is: it was made of absurd numbers [m/s^2 or rad/s^2]. */
+#define MOST_AWAY 4.0
+
+#define PI 3.14159265358979323846
+
+/* A larger bend comes of absurd numbers, and is not counted [m/s^2 or rad/s^2]. */
 #define MOST_BENT 1e6
 
 /* Share of the joints' acceleration below which the way of the shaft has no bend. */
@@ -62,6 +66,14 @@ static void joint_box(const Cycle *cycle, const Block *block, double *lower, dou
     }
 }
 
+/* What going about a centre at a speed, at a distance from it, makes the distance grow faster by: near
+ * the centre, where it is soon over, no more than so many times what a stop counts on. */
+static double away(double speed, double distance, const Block *block)
+{
+    if (!(distance > 0.0)) return 0.0;
+    return smaller(speed * speed / distance, MOST_AWAY * block->deceleration);
+}
+
 /* The joints' part in turning the shaft about `by` (2). */
 static void turning_row(const Cycle *cycle, const double *by, double *C)
 {
@@ -81,39 +93,47 @@ static void square_to(const double *axis, double *out)
     for (int i = 0; i < 3; ++i) out[i] /= size;
 }
 
-/* One row that keeps the shaft from leaning over to a side (3), square to the cone's axis. */
+/* One row that keeps the shaft from leaning over to a side (3), square to the cone's axis, by its angle
+ * to the plane of the sides. */
 static void side_row(const Cycle *cycle, const Block *block, const double *side, double *C, double *d)
 {
     double own[3];
     turned_back(cycle->R, side, own);
-    memset(C, 0, sizeof(double) * (size_t)cycle->n);
-    d[0] = 1.0;
     if (!(fabs(own[2]) < SIDE_ON)) return;
     const double width = sqrt(1.0 - own[2] * own[2]), by[2] = {-own[1] / width, own[0] / width};
+    const double *turning = cycle->twist + 3, past = by[0] * turning[1] - by[1] * turning[0];
     turning_row(cycle, by, C);
     d[0] = paced(cycle, block, C, block->half_angle - asin(own[2]), 0.0,
-                 dot(by, cycle->twist_dot + 3, 2), about_stopping_speed);
+                 dot(by, cycle->twist_dot + 3, 2) - past * past * own[2] / width,
+                 about_stopping_speed);
 }
 
 /* The row of the angle from the cone's axis; and where a stop takes time those of its sides, for the
  * shaft may come over the axis, too fast to be stopped on the other side. */
 static void cone_rows(const Cycle *cycle, const Block *block, double *C, double *d)
 {
+    const int n = cycle->n, count = rows_of(block, n);
+    const double *turning = cycle->twist + 3;
     double axis[3], by[2], side[3], next[3];
     turned_back(cycle->R, block->axis, axis);
-    const double sine = hypot(axis[0], axis[1]);
+    const double sine = hypot(axis[0], axis[1]), lean = atan2(sine, axis[2]);
     by[0] = sine > CONE_CENTRE ? axis[1] / sine : axis[2] > 0.0 ? 0.0 : 1.0;
     by[1] = sine > CONE_CENTRE ? -axis[0] / sine : 0.0;
     turning_row(cycle, by, C);
-    d[0] = paced(cycle, block, C, block->half_angle - atan2(sine, axis[2]), 0.0,
-                 dot(by, cycle->twist_dot + 3, 2), stopping_speed);
-    if (!(block->deceleration < INFINITY)) return;
+    const double more = away(by[0] * turning[1] - by[1] * turning[0], tan(lean), block);
+    d[0] = paced(cycle, block, C, block->half_angle - lean, 0.0,
+                 dot(by, cycle->twist_dot + 3, 2) + more, stopping_speed);
+    for (int k = 1; k < count; ++k) d[k] = 1.0;
+    memset(C + n, 0, sizeof(double) * (size_t)((count - 1) * n));
+    const int over_axis = axis[2] > 0.0 && block->half_angle < 0.5 * PI;
     square_to(block->axis, side);
-    for (int k = 1; k <= CONE_SIDES; ++k) {
-        side_row(cycle, block, side, C + k * cycle->n, d + k);
+    for (int k = 1; k < count && over_axis; ++k) {
+        side_row(cycle, block, side, C + k * n, d + k);
         cross(block->axis, side, next); /* turned on by 60 degrees */
         for (int i = 0; i < 3; ++i) side[i] = 0.5 * side[i] + 0.5 * sqrt(3.0) * next[i];
     }
+    for (int i = 0; i < count * n; ++i) C[i] *= block->lever;
+    for (int k = 0; k < count; ++k) d[k] *= block->lever;
 }
 
 /* limits/instrument.py: TrocarSpeed. The row is in m/s: what a cycle of it may cost the RCM. */
@@ -122,11 +142,11 @@ static void speed_row(const Cycle *cycle, const Block *block, double *C, double 
     const size_t mark = arena->used;
     const int n = cycle->n;
     double *rows = take(arena, 2 * n), *by_v = take(arena, 2 * n), r[3], carried[3], rate[3];
-    double bent[3], nu[3], omega[3], S[3] = {0.0, 0.0, 0.0};
+    double bent[3], nu[3], omega[3], S[3] = {0.0, 0.0, 0.0}, det = 0.0;
     seen(cycle, cycle->pivot, r);
     turned_back(cycle->R, cycle->pivot_dot, carried);
     bend(cycle, r, carried, rate, bent);
-    bend_by_v(cycle, r, rate, carried, by_v);
+    bend_by_v(cycle, r, carried, rate, by_v);
     for (int j = 0; j < n; ++j) {
         column(cycle, j, nu, omega);
         rows[j] = block->vectors[j] * (-r[2] * omega[1] - nu[0]);
@@ -134,7 +154,11 @@ static void speed_row(const Cycle *cycle, const Block *block, double *C, double 
     }
     for (int i = 0; i < 2; ++i)
         for (int j = i; j < 2; ++j) S[i + j] = dot(rows + i * n, rows + j * n, n);
-    const double det = S[0] * S[2] - S[1] * S[1];
+    for (int i = 0; i < n; ++i) /* S[0] S[2] - S[1]^2 without cancellation (Cauchy and Binet) */
+        for (int j = 0; j < i; ++j) {
+            const double minor = rows[i] * rows[n + j] - rows[j] * rows[n + i];
+            det += minor * minor;
+        }
     const double z[2] = {(S[2] * bent[0] - S[1] * bent[1]) / det,
                          (S[0] * bent[1] - S[1] * bent[0]) / det};
     const double needed = sqrt(larger(dot(z, bent, 2), 0.0)), size = hypot(bent[0], bent[1]);
@@ -258,9 +282,11 @@ typedef struct {
     double rate[3], bent[3];     /* of b */
 } Sight;
 
-/* One row for a point that the first `moved` joints of the wrist move.
+/* One row for a point that the first `moved` joints of the wrist move; `slides` where it is the one
+ * of the shaft that is nearest.
  * At the centre the side 1 has a way out, along x, and the side -1 a row of zeros. */
-static void sphere_row(const Sight *sight, const double *point, int moved, double *C, double *d)
+static void sphere_row(const Sight *sight, const double *point, int moved, int slides, double *C,
+                       double *d)
 {
     const Cycle *cycle = sight->cycle;
     const double *b = sight->b, side = sight->side;
@@ -276,12 +302,12 @@ static void sphere_row(const Sight *sight, const double *point, int moved, doubl
     const double way[3] = {side * u[0], side * u[1], side * u[2]};
     add_wrist(cycle, &sight->chain, point, moved, way, C);
     const double *rate = sight->rate, *bent = sight->bent, nearing = dot(u, rate, 3);
-    const double about = sqrt(larger(0.0, dot(rate, rate, 3) - nearing * nearing));
-    /* going about the centre leads away from it: what that is worth, KEEP_OUT does not count on */
-    const double away = side > 0.0 || delta == 0.0 ? 0.0
-                        : about * smaller(about / delta, 1.0 / sight->block->period);
+    const int seen_in = slides ? 2 : 3; /* along the shaft the point slides and comes no nearer */
+    const double about = sqrt(larger(0.0, dot(rate, rate, seen_in) - nearing * nearing));
+    /* to go about the centre leads away from it, which ends when the shaft slows down */
+    const double more = side > 0.0 ? 0.0 : away(about, delta, sight->block);
     d[0] = paced(cycle, sight->block, C, side * (delta - sight->block->reach),
-                 side * dot(u, sight->drift, 3), -side * (dot(u, bent, 3) + away), stopping_speed);
+                 side * dot(u, sight->drift, 3), -side * (dot(u, bent, 3) + more), stopping_speed);
 }
 
 /* The row of the nearest point of the shaft. */
@@ -289,7 +315,7 @@ static void shaft_row(const Sight *sight, double *C, double *d)
 {
     const double first = sight->cycle->tip + sight->block->first, *last = sight->chain.place[0];
     const double nearest[3] = {0.0, 0.0, smaller(larger(sight->b[2], first), last[2])};
-    sphere_row(sight, nearest, 0, C, d);
+    sphere_row(sight, nearest, 0, nearest[2] == sight->b[2], C, d);
 }
 
 /* And of the nearest point of the piece from place k to the next. */
@@ -300,7 +326,7 @@ static void piece_row(const Sight *sight, int k, double *C, double *d)
     for (int i = 0; i < 3; ++i) way[i] = to[i] - from[i], apart[i] = sight->b[i] - from[i];
     const double share = clipped(dot(apart, way, 3) / dot(way, way, 3), 0.0, 1.0);
     for (int i = 0; i < 3; ++i) nearest[i] = from[i] + share * way[i];
-    sphere_row(sight, nearest, k + 1, C, d);
+    sphere_row(sight, nearest, k + 1, 0, C, d);
 }
 
 static void sphere_rows(const Cycle *cycle, const Block *block, double *C, double *d)
@@ -315,15 +341,15 @@ static void sphere_rows(const Cycle *cycle, const Block *block, double *C, doubl
         shaft_row(&sight, C, d);
         return;
     }
-    if (tip_only || block->kind == KEEP_IN) sphere_row(&sight, sight.chain.place[m], m, C, d);
+    if (tip_only || block->kind == KEEP_IN) sphere_row(&sight, sight.chain.place[m], m, 0, C, d);
     else shaft_row(&sight, C, d);
     for (int k = 0; k < m && !tip_only; ++k) {
         if (!(length_of(block, k) > 0.0)) continue;
         C += n, ++d;
-        if (block->kind == KEEP_IN) sphere_row(&sight, sight.chain.place[k], k, C, d);
+        if (block->kind == KEEP_IN) sphere_row(&sight, sight.chain.place[k], k, 0, C, d);
         else piece_row(&sight, k, C, d);
     }
-    if (block->kind == KEEP_IN && !tip_only) sphere_row(&sight, mount, 0, C + n, d + 1);
+    if (block->kind == KEEP_IN && !tip_only) sphere_row(&sight, mount, 0, 0, C + n, d + 1);
 }
 
 /* Narrow the box (n) by one limit, or write its rows C v <= d. */

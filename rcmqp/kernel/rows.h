@@ -24,7 +24,7 @@ typedef enum {
     POSTURE,   /* vectors: posture, continuous */
     OBJECTIVE, /* K_c, c_d, objective */
     JOINTS,    /* period, vectors: the JOINT_NUMBERS lines of JointLimits.table */
-    TROCAR_CONE,  /* of a damper, half_angle, axis */
+    TROCAR_CONE,  /* of a damper, half_angle, axis, lever */
     TROCAR_SPEED, /* gain, share, period, vectors: acceleration */
     TROCAR_DEPTH, /* of a damper, last, wrist, bends, shallowest, deepest */
     KEEP_OUT,     /* of a damper, centre, velocity, on_trocar, reach, first, last, wrist, bends */
@@ -59,6 +59,7 @@ typedef struct Block {
     double gain, deceleration, jerk; /* of a damper, with the period */
     double share;       /* of the joints' acceleration that holding the trocar may take */
     double half_angle, axis[3];
+    double lever;       /* what the cone's rows are multiplied by */
     double shallowest, deepest;
     double centre[3], velocity[3];
     double on_trocar;   /* whether the sphere moves along with the trocar */
@@ -89,7 +90,8 @@ typedef struct {
     double R[9], p[3];       /* the effector's placement, from x */
     double R_t[9], p_t[3];   /* the tool's, from x_t */
     double R_d[9], p_d[3], nu_d[3], omega_d[3]; /* the desired one's, and its twist */
-    double twist[6], twist_dot[6], spin; /* the effector's, see bend.h */
+    double twist[6], twist_dot[6]; /* of the effector, without its spin about z; see bend.h */
+    double spin;
 } Cycle;
 
 void see(Cycle *cycle);

@@ -18,8 +18,8 @@
 #define CLOSE 1e-14
 #define GUESSES 4
 
-/* What goes towards a limit with the hardest deceleration or more loses that so many times as fast
- * as a stop grows. */
+/* An acceleration towards a limit, over the hardest deceleration, falls so many times as fast as a
+ * stop grows, if that is faster; but not beyond that deceleration within a cycle. */
 #define EAGER 4.0
 
 #define ROUNDING 1e-12
@@ -216,28 +216,42 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
  * `most`; all in cycles. What comes towards the limit too fast may need more than the hardest. */
 static double least_change(double v, double a, double hardest)
 {
-    const double change = a - larger(1.0, EAGER * a / hardest);
+    const double eager = smaller(EAGER * a / hardest, a + hardest);
+    const double change = a - larger(1.0, eager);
     return v > 0.0 ? change : larger(change, -hardest);
+}
+
+/* The same in cycles: v, and the least and greatest a of the next one. */
+typedef struct {
+    double unit, now, low, high, far, hardest;
+} Stop;
+
+static Stop in_cycles(double v, double a, double distance, double most, double deceleration,
+                      double jerk, double T)
+{
+    const double step = jerk * T, unit = T * step, hardest = deceleration / step;
+    const double low = least_change(v, a / step, hardest);
+    return (Stop){unit, v / unit, low, larger(low, (most - v) / unit), distance / (T * unit), hardest};
 }
 
 double stopping_speed(double v, double a, double distance, double most, double deceleration,
                       double jerk, double T)
 {
-    const double step = jerk * T, hardest = deceleration / step;
-    if (!(step < 2.0 * deceleration)) return smaller(most, braking_speed(distance, deceleration, T));
-    const double low = least_change(v, a / step, hardest);
-    const double high = larger(low, (most - v) / (T * step));
-    return v + T * step * highest(v / (T * step), low, high, distance / (T * T * step), hardest);
+    if (!(jerk * T < 2.0 * deceleration))
+        return smaller(most, braking_speed(distance, deceleration, T));
+    const Stop stop = in_cycles(v, a, distance, most, deceleration, jerk, T);
+    return v + stop.unit * highest(stop.now, stop.low, stop.high, stop.far, stop.hardest);
 }
 
 double about_stopping_speed(double v, double a, double distance, double most, double deceleration,
                             double jerk, double T)
 {
-    const double step = jerk * T, hardest = deceleration / step, far = distance / (T * T * step);
-    if (!(step < 2.0 * deceleration)) return smaller(most, braking_speed(distance, deceleration, T));
-    const double low = least_change(v, a / step, hardest), now = v / (T * step);
-    const double high = larger(low, (most - v) / (T * step));
+    if (!(jerk * T < 2.0 * deceleration))
+        return smaller(most, braking_speed(distance, deceleration, T));
+    const Stop stop = in_cycles(v, a, distance, most, deceleration, jerk, T);
     double slope;
-    if (farthest(now + high, high, hardest) <= far) return v + T * step * high;
-    return v + T * step * smooth_highest(now, low, high, larger(far, 0.0), hardest, &slope);
+    if (farthest(stop.now + stop.high, stop.high, stop.hardest) <= stop.far)
+        return v + stop.unit * stop.high;
+    return v + stop.unit * smooth_highest(stop.now, stop.low, stop.high, larger(stop.far, 0.0),
+                                          stop.hardest, &slope);
 }

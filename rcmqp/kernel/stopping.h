@@ -21,12 +21,13 @@ void joint_interval(const Joint *joint, double v, double a, double below, double
  * this cycle included, for something that goes at v, its last change a, if its deceleration grows
  * with `jerk` up to `deceleration`. If there is no such speed, it is what the jerk alone allows while
  * v > 0, so that something that came too fast stops as soon as the jerk lets it, and what jerk and
- * deceleration allow while it comes back. If the jerk allows a change by twice the deceleration in
+ * deceleration allow while it comes back; where a is more than a quarter of the deceleration, it falls
+ * faster than by the jerk, in proportion to it. If the jerk allows a change by twice the deceleration in
  * a cycle, it is not counted, nor is the last change. */
 double stopping_speed(double v, double a, double distance, double most, double deceleration,
                       double jerk, double T);
 
-/* The same to a few per cent, and in a tenth of the time. */
+/* About the same, mostly to a few per cent, near zero speed less well; in a tenth of the time. */
 double about_stopping_speed(double v, double a, double distance, double most, double deceleration,
                             double jerk, double T);
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rcmqp.errors import OptionError
-from rcmqp.limits.base import Constraint, Damper, Limit, combine, intersect
+from rcmqp.limits.base import Constraint, Damper, Limit, check_gain, combine, intersect
 from rcmqp.limits.instrument import (
     EntrySphere,
     KeepIn,
@@ -40,11 +39,8 @@ def make_limit(name: str, insertion: Insertion, period: float, **options: Any) -
     """
     check_name("limit", name, LIMITS, options)
     limit = LIMITS[name].made_for(insertion, period, **options)
-    if isinstance(limit, Damper) and limit.gain * period > 1.0:
-        raise OptionError(
-            f"gain * period = {limit.gain} 1/s * {period} s = {limit.gain * period:.3g}; a damper "
-            "keeps its limit up to 1: lower the gain or sample faster"
-        )
+    if isinstance(limit, Damper):
+        check_gain(limit.gain, period)
     return limit
 
 

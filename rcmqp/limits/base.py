@@ -209,10 +209,11 @@ class Damper(Limit):
     ``jerk``, ds/dt is moreover no faster than a speed from which s can stop at zero, if its
     deceleration grows by jerk T a cycle, up to A, and falls as slowly. How s changes now is
     known: by state.v and state.a, and by the bend of the way, which is what s is accelerated by
-    while the joints go on as they do (kernel/bend.c). If s comes too fast for that, the row asks
-    for a deceleration that still grows by jerk T a cycle, beyond A if need be; an acceleration
-    towards the limit of A or more falls four times as fast in proportion. On the way back from
-    beyond the limit it asks for A at most. A jerk T of 2 A or more is not counted.
+    while the joints go on as they do (kernel/bend.c); what a wrist's own joints add to it is not
+    counted. If s comes too fast for that, the row asks for a deceleration that still grows by
+    jerk T a cycle, beyond A if need be; an acceleration a towards the limit, above A / 4, falls
+    4 a / A times as fast. On the way back from beyond the limit it asks for A at most. A jerk T
+    of 2 A or more is not counted.
 
     Attributes:
         gain: [1/s].
@@ -256,6 +257,19 @@ class Damper(Limit):
         Continuous with its slope, never above gain s, and odd.
         """
         return _kernel.paced(self.gain, self.deceleration, s)
+
+
+def check_gain(gain: float, period: float) -> None:
+    """Refuse a gain [1/s] at which a limit is overrun in cycles of a period [s].
+
+    Raises:
+        OptionError: their product is above 1.
+    """
+    if gain * period > 1.0:
+        raise OptionError(
+            f"gain * period = {gain} 1/s * {period} s = {gain * period:.3g}; a damper keeps its "
+            "limit up to 1: lower the gain or sample faster"
+        )
 
 
 def combine(

@@ -228,24 +228,30 @@ class TrocarCone(CompiledLimit, Damper):
 
         asin(a_k . z)' <= pace(cone_half_angle - asin(a_k . z)),
 
-    with jerk to a few per cent of the speed only, because the first row is exact near the cone.
+    with jerk about so: near the cone the first row is exact. The six are free for a cone of 90
+    degrees or more, and while the shaft is as far as that from the axis, on its way back.
 
     Attributes:
         trocar: its axis and half angle; the axis stays as it is when the trocar moves.
+        lever: what the rows are multiplied by [m], so that rows in m/s and these, where they
+            cannot all hold, give way alike at this distance from the trocar; 1 leaves them in
+            rad/s.
     """
 
     name: ClassVar[str] = "trocar_cone"
 
     trocar: Trocar
+    lever: float = field(default=1.0, metadata=positive("m"))
 
     @functools.cached_property
     def block(self) -> Block:
-        """One row [rad/s], and those of the sides."""
+        """One row [rad/s], and those of the sides; times the lever."""
         return Block(
             "trocar_cone",
             **self.rates,
             half_angle=self.trocar.cone_half_angle,
             axis=self.trocar.axis,
+            lever=self.lever,
         )
 
     @property

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from rcmqp._kernel import Block
-from rcmqp.limits.base import CompiledLimit
+from rcmqp.limits.base import CompiledLimit, check_gain
 from rcmqp.maths.options import positive, share
 from rcmqp.world.arm import Arm
 
@@ -17,12 +17,13 @@ MOST_ACCELERATION = 1e6
 """Of a joint without a limit [rad/s^2] or [m/s^2]."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class TrocarSpeed(CompiledLimit):
     """Keep joints slow enough that their acceleration can hold the shaft on the trocar.
 
     Joints that go on at v take the shaft off the trocar by r'' = b(v), in axes that do not spin
-    about the shaft; b grows with the square of v (kernel/bend.c). To hold it there, they have to
+    about the shaft; about a trocar at rest b grows with the square of v (kernel/bend.c; how a
+    moving trocar accelerates is not known). To hold the shaft there, the joints have to
     accelerate by a with J a = -b, where J is the Jacobian of the RCM's rows. With A the
     acceleration limits, the least of |a / A| is
 
@@ -31,7 +32,9 @@ class TrocarSpeed(CompiledLimit):
     so up to s = 1 no joint needs more than its limit; beyond, the trocar may be lost, however the
     arm brakes. The limit keeps s up to ``share``: from one cycle to the next,
 
-        ds/dv . (v - v') <= gain T (share - s),   which also counts in a brake where s > share.
+        ds/dv . (v_next - v) <= gain T (share - s),
+
+    which slows the arm down where s is above the share.
 
     The rest of A is for the tip, for braking, and for joints whose position, speed or jerk limits
     keep them from their part. How s changes as the arm moves on is not in the row.
@@ -42,7 +45,10 @@ class TrocarSpeed(CompiledLimit):
         arm: whose acceleration limits they are.
         period: sampling period T [s].
         share: of the joints' acceleration.
-        gain: how fast s may approach it [1/s].
+        gain: how fast s may approach it [1/s]; gain T is at most 1.
+
+    Raises:
+        OptionError: an option is not allowed.
     """
 
     name: ClassVar[str] = "trocar_speed"
@@ -51,6 +57,11 @@ class TrocarSpeed(CompiledLimit):
     period: float = field(metadata=positive("s"))
     share: float = field(default=0.5, metadata=share())
     gain: float = field(default=20.0, metadata=positive("1/s"))
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        super().__post_init__()
+        check_gain(self.gain, self.period)
 
     @functools.cached_property
     def block(self) -> Block:
