@@ -242,21 +242,24 @@ def test_a_killed_trial_has_whole_files_and_goes_on_with_its_task(tmp_path: Path
         say(page, "answers", values={**novice, "consent": True})
         hear(page, "next")
         say(page, "start")
-        start, number = hear(page, "state")["tip"], 0
+        start, number, end = hear(page, "state")["tip"], 0, time.monotonic() + 60.0
         while math.dist(hear(page, "state")["tip"], start) < 2e-3:
-            event, number = time.monotonic(), number + 1
-            say(
-                page,
-                "hand",
-                number=number,
-                grip=1 + number // 200,
-                held=number % 200 > 0,
-                at=event,
-                event=event,
-                way=[2e-4 * number, 0.0, 0.0, 0.0],
-                felt=False,
-                devices=["keys"],
-            )
+            assert time.monotonic() < end, "the hand was let go and did not take hold again"
+            for _ in range(5):  # at rest states are rare, and 100 ms of silence end a grip
+                event, number = time.monotonic(), number + 1
+                say(
+                    page,
+                    "hand",
+                    number=number,
+                    grip=1 + number // 200,
+                    held=number % 200 > 0,
+                    at=event,
+                    event=event,
+                    way=[4e-5 * number, 0.0, 0.0, 0.0],
+                    felt=False,
+                    devices=["keys"],
+                )
+                time.sleep(0.02)
         process.kill()
     file = folder / "trials" / "P07-1.h5"
     until(file.exists, "the run's file")
