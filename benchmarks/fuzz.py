@@ -48,6 +48,8 @@ def same(a: Any, b: Any) -> bool:
         return bool(a.tobytes() == b.tobytes() and a.shape == b.shape)
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, _kernel.Account):
+        return same(a.numbers, b.numbers) and a.summary == b.summary
     if isinstance(a, Pair):
         return (a.a, a.b) == (b.a, b.b)
     return bool(a == b or (a != a and b != b))
@@ -120,7 +122,7 @@ class Fuzz:
                 self.call("Block.interval", asked.interval, *args)
 
     def stack(self, rng: np.random.Generator) -> None:
-        """A stack, made and stepped; by a backend, too."""
+        """A stack, made and stepped; by a backend, too; accounts are asked for at any time."""
         n, options = right_stack(rng)
         worse = copies(options)
         for key in rng.choice(sorted(options), int(rng.integers(3)), replace=False):
@@ -128,10 +130,13 @@ class Fuzz:
         made = self.call("Stack", _kernel.Stack, **worse)
         stack: Any = _kernel.Stack(**options)
         state = cycle(rng, n), given_rows(rng, n)
+        kept = collections.deque[Any](maxlen=3)
 
         def backend(level: int, M: Any, c: Any, R: Any, *bounds: Any) -> Any:
             if rng.integers(4) == 0:
                 stack.step(*state[0], state[1], None)
+            if kept and kept[0] is not None and rng.integers(2):
+                kept[0][1].numbers.sum()
             return (
                 hostile(rng, np.zeros(len(R)), [*state[0]])
                 if rng.integers(2)
@@ -142,9 +147,9 @@ class Fuzz:
         first = stack.step(*copy.deepcopy(state[0]), state[1], None)
         for asked in (stack, made or stack):
             args = self.worse(rng, [*cycle(rng, n), given_rows(rng, n), None])
-            self.call("Stack.step", asked.step, *args)
+            kept.append(self.call("Stack.step", asked.step, *args))
             args = [*cycle(rng, n), given_rows(rng, n), backend]
-            self.call("Stack.step, backend", asked.step, *args)
+            kept.append(self.call("Stack.step, backend", asked.step, *args))
             args = self.worse(rng, [*cycle(rng, n), given_rows(rng, n)])
             self.call("Stack.problem", asked.problem, *args)
         stack.reset()
@@ -154,14 +159,13 @@ class Fuzz:
 
     def without_constructor(self) -> None:
         """Types of the kernel, made behind its back: each must be refused."""
-        block, stack = (
-            _kernel.Block("tip"),
-            _kernel.Stack(**right_stack(np.random.default_rng(1))[1]),
-        )
+        rng = np.random.default_rng(1)
+        block, stack = _kernel.Block("tip"), _kernel.Stack(**right_stack(rng)[1])
+        account = _kernel.solve(*right("solve", rng))[1]
         array = type("A", (np.ndarray,), {"__match_args__": ()})
         doors: list[Callable[[], Any]] = []
         each: Any
-        for each in (block, stack):
+        for each in (block, stack, account):
             kind: Any = type(each)
             doors += [
                 functools.partial(object.__new__, kind),
@@ -172,6 +176,10 @@ class Fuzz:
                 functools.partial(_kernel.record, kind),
                 functools.partial(type, "Derived", (kind,), {}),
                 kind,
+            ]
+        for each in (block, stack):
+            doors += [
+                functools.partial(how, each) for how in (copy.copy, copy.deepcopy, pickle.dumps)
             ]
         other: Any = type("O", (), {"__slots__": tuple(f"s{i}" for i in range(40))})
         stolen = type("T", (), {"__slots__": ("x",), "__match_args__": ("a",), "a": other.s39})

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -129,7 +129,7 @@ class Command:
 
     Attributes:
         v: (nv,) joint velocity [rad/s], finite.
-        diagnostics: numbers that the run records, the same names each cycle.
+        diagnostics: numbers that the run records, the same names each cycle, and ``safe_stop``.
         account: the solver's report on the step, or None.
         stop: why this is the safe stop, in words; empty if it is not the safe stop.
         error: what the law raised, where that is why.
@@ -141,10 +141,33 @@ class Command:
     stop: str = ""
     error: Exception | None = None
 
+    def __post_init__(self) -> None:
+        """Add ``safe_stop`` to the diagnostics."""
+        self.diagnostics["safe_stop"] = 1.0 if self.stop else 0.0
+
     @classmethod
-    def of(cls, v: Array, diagnostics: dict[str, float], account: object | None = None) -> Self:
-        """Command(v, diagnostics, account), in a third of the time."""
+    def of(
+        cls, v: Array, diagnostics: dict[str, float] | None, account: object | None = None
+    ) -> Self:
+        """Command(v, diagnostics, account), in a third of the time.
+
+        Without diagnostics they are those that a HierarchySolution, the account, has recorded,
+        made when somebody asks for them.
+        """
+        if diagnostics is None:
+            return _kernel.record(cls, v, ..., account, "", None)
+        diagnostics["safe_stop"] = 0.0
         return _kernel.record(cls, v, diagnostics, account, "", None)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> dict[str, float]:
+            """The diagnostics that of() left out."""
+            if name != "diagnostics" or not isinstance(self.account, HierarchySolution):
+                raise AttributeError(f"a Command has no attribute {name!r}")
+            told = self.account.recorded | {"safe_stop": 0.0}
+            object.__setattr__(self, name, told)
+            return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +295,6 @@ class Controller(abc.ABC):
             raise InvalidCommand(f"{self.name}: {_wrong_kind(answer)}")
         if not _kernel.all_finite(answer.v, ABSURD):
             return self.safe_stop(state, "the law has no finite velocity here")
-        answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer
 
     @functools.cached_property
@@ -314,7 +336,7 @@ class Controller(abc.ABC):
         brake = self._brake
         brake.reset()
         v = brake.velocity(state.angles, state.v, state.a, state)
-        return Command(v, numbers | {"safe_stop": 1.0}, account, reason)
+        return Command(v, numbers, account, reason)
 
 
 def _wrong_kind(answer: object) -> str:

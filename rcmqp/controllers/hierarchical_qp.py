@@ -222,8 +222,8 @@ class HierarchicalQP(Controller):
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One lexicographic optimum."""
-        v, numbers, solution = self._stack.step(state, reference)
-        return Command.of(v, numbers, solution)
+        solution = self._stack.step(state, reference)
+        return Command.of(solution.v, None, solution)
 
 
 def _diagnostics(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:

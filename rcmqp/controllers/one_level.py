@@ -95,7 +95,8 @@ class OneLevel:
         Raises:
             InvalidProblem: what they give is not usable.
         """
-        _, numbers, solution = self.stack.step(state, reference, evaluated)
+        solution = self.stack.step(state, reference, evaluated)
+        numbers = solution.recorded
         if numbers["excess"] > 0.0 and not solution.limits_hold:
             return solution, INFEASIBLE
         return solution, "" if numbers["exact"] else "no verified optimum"

@@ -126,8 +126,8 @@ class Stack:
 
     def step(
         self, state: ArmState, reference: Reference, evaluated: Evaluated | None = None
-    ) -> tuple[Array, dict[str, float], HierarchySolution]:
-        """Solve one step; return the joint velocity (nv,), numbers to record, and the solution.
+    ) -> HierarchySolution:
+        """Solve one step; the solution is accounted for when it is asked, see Account.
 
         Args:
             state: of the arm.
@@ -158,12 +158,11 @@ class Stack:
         )
         if found is None:
             raise self._refusal(residuals, constraints)
-        v, numbers, summary, ends, m = found
+        v, account, ends, m = found
         names = self._all_names(constraints) if constraints else self._names
-        answer = _kernel.record(Answer, numbers, ends, self._nv, m)
+        answer = _kernel.record(Answer, account, ends, self._nv, m)
         asked = NO_VERDICTS if hierarchy is None else hierarchy.verdicts()
-        solution = _kernel.record(HierarchySolution, v, names, answer, self._level_names, asked)
-        return v, summary, solution
+        return _kernel.record(HierarchySolution, v, names, answer, self._level_names, asked)
 
     def problem(self, state: ArmState, reference: Reference) -> tuple[list[Level], Bounds]:
         """The problem that step() solves, with the same numbers, for Hierarchy.solve().

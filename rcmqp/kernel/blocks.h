@@ -26,7 +26,27 @@ PyObject *copied(const double *numbers, int rows, int columns);
 
 int check_levels(const Hierarchy *hierarchy, npy_intp rows);
 
-PyObject *answered(const Hierarchy *hierarchy, const double *start, double *sets,
-                   PyObject *backend, PyObject *names, Arena *arena);
+/* A solve whose numbers stand in an arena. */
+typedef struct {
+    Hierarchy hierarchy;
+    Solution solution;
+    double *numbers; /* all of an Answer (qp/levels.py), in its order */
+    int size;
+} Solved;
+
+int solve_in(Solved *solved, const double *start, double *sets, PyObject *backend, Arena *arena);
+
+/* Memory for a solve, and the account of the last one there that is still to be made, or NULL. */
+typedef struct Account Account;
+typedef struct {
+    double *memory;
+    size_t capacity;
+    Account *account;
+} Room;
+
+PyObject *make_account(const Solved *solved, Arena arena, Room *room, PyObject *owner,
+                       PyObject *names);
+
+int tell(Room *room);
 
 #endif

@@ -38,7 +38,7 @@
 
 /* What the descent works on, in units of `unit`, a power of two in which the largest bound is
  * about 1, so that tolerances fit any box. */
-typedef struct {
+struct Descent {
     State state;
     double unit;
     double *A;    /* (rows, n) without entries below the resolution, which decide nothing */
@@ -54,14 +54,15 @@ typedef struct {
     double *open;    /* (n) v of the closed form */
     double *offsets; /* (levels + 1, n) what the levels below changed in the closed form */
     int *doubts;     /* (levels + 1) 1 where a step before the last is not proved */
-} Descent;
+};
 
-/* Numbers of scratch memory that solve_hierarchy() never exceeds. */
+/* Numbers of scratch memory that solve_hierarchy() never exceeds, with a Solution and account(). */
 size_t memory_for(int n, int m, int rows, int levels)
 {
     const size_t unknowns = (size_t)n + 8, all = unknowns + (size_t)m + (size_t)rows + 8;
-    return 64 * all * unknowns + 12 * all * all + 4 * ((size_t)levels + 8) * unknowns * unknowns +
-           4096;
+    const size_t levels_more = (size_t)levels + 8;
+    return 64 * all * unknowns + 12 * all * all +
+           levels_more * (4 * unknowns * unknowns + all) + 4096;
 }
 
 static int first_row(const Hierarchy *hierarchy, int k)
@@ -469,22 +470,47 @@ static int residual_of(const double *A, const double *b, int m, const double *v,
     return reached;
 }
 
-/* Back to the caller's unit; residuals, what is touched, and the proof, level by level. */
-static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solution, Arena *arena)
+/* v in the caller's unit, and inside the box as it was asked. */
+static void finish(const Hierarchy *hierarchy, const Descent *descent, double *v)
+{
+    const State *state = &descent->state;
+    const double unit = descent->unit;
+    for (int i = 0; i < hierarchy->n; ++i) {
+        v[i] = smaller(larger(v[i] * unit, state->lower[i] * unit), state->upper[i] * unit);
+        if (hierarchy->lower[i] <= hierarchy->upper[i]) /* whatever became of it in between */
+            v[i] = smaller(larger(v[i], hierarchy->lower[i]), hierarchy->upper[i]);
+    }
+}
+
+/* Whether level k, or for 0 the hard rows, is reached; and its residual, or their excess. */
+static void reach(const Hierarchy *hierarchy, Solution *solution, int k)
+{
+    const int n = hierarchy->n;
+    double *reached = solution->info + k * COLUMNS + REACHED;
+    if (k == 0) {
+        *reached = residual_of(hierarchy->C, hierarchy->d, hierarchy->m, solution->v, n, 1, 0.0,
+                               solution->violation);
+        return;
+    }
+    const int first = first_row(hierarchy, k);
+    *reached = residual_of(hierarchy->A + first * n, hierarchy->b + first, rows_of(hierarchy, k),
+                           solution->v, n, 0, REACHED_SPEED * solution->descent->damping[k],
+                           solution->residual + first);
+}
+
+/* The account of an answer: residuals, what is touched, and the proof, level by level, all in the
+ * caller's unit. Once only. */
+void account(const Hierarchy *hierarchy, Solution *solution, Arena *arena)
 {
     const size_t mark = arena->used;
     const int n = hierarchy->n, m = hierarchy->m, N = n + m;
+    Descent *descent = solution->descent;
     const double unit = descent->unit, small = smaller(1.0, unit);
     State *state = &descent->state;
     double *goal = take(arena, m), *rows = take(arena, m * n), *v = solution->v;
     double over = 0.0, size = 0.0;
-    for (int i = 0; i < N; ++i) state->lower[i] *= unit, state->upper[i] *= unit;
-    for (int i = 0; i < n; ++i)
-        v[i] = smaller(larger(v[i] * unit, state->lower[i]), state->upper[i]);
-    for (int i = 0; i < n; ++i) /* the box as asked, whatever became of it in between */
-        if (hierarchy->lower[i] <= hierarchy->upper[i])
-            v[i] = smaller(larger(v[i], hierarchy->lower[i]), hierarchy->upper[i]);
     for (int i = 0; i < N; ++i) {
+        state->lower[i] *= unit, state->upper[i] *= unit;
         const double Gv = bounded(state, v, i), room = TOUCHING_TOL * larger(1.0, fabs(Gv));
         const double by = state->norms[i] > 0.0 ? state->norms[i] : 1.0;
         const double asked = i < n ? state->upper[i] : hierarchy->d[i - n] / by;
@@ -494,8 +520,6 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
         solution->touching[N + i] = asked - Gv <= room;
     }
     over /= larger(small, size);
-    solution->info[REACHED] =
-        residual_of(hierarchy->C, hierarchy->d, m, v, n, 1, 0.0, solution->violation);
     Level exceeded = {0, rows, goal, descent->damping[0], descent->damping[0], NULL, 0};
     for (int i = 0; i < m; ++i) {
         if (!(solution->violation[i] > 0.0)) continue;
@@ -516,12 +540,7 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
         double kkt = kkt_residual(state, &level, damped ? at : v, descent->speeds + k * n * n,
                                   descent->stills + k * n, multipliers, descent->Zs + k * n * n,
                                   descent->frees[k], small, arena);
-        if (k > 0) {
-            const int first = first_row(hierarchy, k);
-            info[REACHED] = residual_of(hierarchy->A + first * n, hierarchy->b + first, level.m, v,
-                                        n, 0, REACHED_SPEED * level.damping,
-                                        solution->residual + first);
-        }
+        if (k > hierarchy->guarded) reach(hierarchy, solution, k);
         if (norm_of(level.A, level.m * n) == 0.0) kkt = 0.0; /* nothing to do, nothing to prove */
         info[KKT] = kkt = larger(kkt, over);
         const int proved = kkt <= EXACT && !descent->doubts[k];
@@ -533,27 +552,28 @@ static void account(const Hierarchy *hierarchy, Descent *descent, Solution *solu
     arena->used = mark;
 }
 
-/* The optimum with the hard rows after `after` levels. Returns 0, or -1 where a backend raised. */
+/* The optimum with the hard rows after `after` levels, and what its account is made of, which stays
+ * in the arena. Returns 0, or -1 where a backend raised. */
 static int solve_once(const Hierarchy *hierarchy, int after, double *sets, Solution *solution,
                       Proposer propose, void *backend, Arena *arena)
 {
-    const size_t mark = arena->used;
     const int N = hierarchy->n + hierarchy->m, count = hierarchy->levels + 1;
-    Descent descent = scaled(hierarchy, solution->v, arena);
+    Descent *descent = solution->descent;
+    *descent = scaled(hierarchy, solution->v, arena);
     memset(solution->multipliers, 0, sizeof(double) * (size_t)(count * N));
     memset(solution->info, 0, sizeof(double) * (size_t)(count * COLUMNS));
-    int failed = 0;
     if (hierarchy->max_rounds == 0) {
         for (int k = 0; k < count; ++k) {
-            begin_level(&descent, &descent.state, k);
-            end_level(&descent, &descent.state, k);
+            begin_level(descent, &descent->state, k);
+            end_level(descent, &descent->state, k);
         }
-    } else if (!closed_form(hierarchy, &descent, arena)) {
-        failed = one_by_one(hierarchy, after, &descent, sets, solution, propose, backend, arena);
+    } else if (!closed_form(hierarchy, descent, arena) &&
+               one_by_one(hierarchy, after, descent, sets, solution, propose, backend, arena)) {
+        return -1;
     }
-    if (!failed) account(hierarchy, &descent, solution, arena);
-    arena->used = mark;
-    return failed;
+    finish(hierarchy, descent, solution->v);
+    for (int k = 0; k <= hierarchy->guarded; ++k) reach(hierarchy, solution, k);
+    return 0;
 }
 
 static int guarded_reached(const Hierarchy *hierarchy, const Solution *solution)
@@ -574,17 +594,21 @@ static int rows_in_the_way(const Hierarchy *hierarchy, const Solution *solution)
     return 0;
 }
 
-/* The lexicographic optimum and the account of it. sets (levels + 1, SETS, N): the active sets to
- * try first, and those found. Returns 0, or -1 where the backend raised. */
+/* The lexicographic optimum, and in the arena what account() needs. sets (levels + 1, SETS, N): the
+ * active sets to try first, and those found. Returns 0, or -1 where the backend raised. */
 int solve_hierarchy(const Hierarchy *hierarchy, double *sets, Solution *solution,
                     Proposer propose, void *backend, Arena *arena)
 {
-    const int guarded = hierarchy->guarded;
-    if (solve_once(hierarchy, 0, sets, solution, propose, backend, arena)) return -1;
-    if (hierarchy->max_rounds == 0 || guarded_reached(hierarchy, solution) ||
-        !rows_in_the_way(hierarchy, solution))
-        return 0;
-    if (solve_once(hierarchy, guarded, sets, solution, propose, backend, arena)) return -1;
-    if (guarded_reached(hierarchy, solution)) return 0;
-    return solve_once(hierarchy, 0, sets, solution, propose, backend, arena);
+    const int guarded = hierarchy->guarded, afters[] = {0, guarded, 0};
+    const size_t size = (sizeof(Descent) + sizeof(double) - 1) / sizeof(double);
+    solution->descent = (Descent *)take(arena, (int)size);
+    const size_t mark = arena->used;
+    for (int turn = 0; turn < 3; ++turn) {
+        arena->used = mark;
+        if (solve_once(hierarchy, afters[turn], sets, solution, propose, backend, arena)) return -1;
+        if (guarded_reached(hierarchy, solution)) return 0;
+        if (turn == 0 && (hierarchy->max_rounds == 0 || !rows_in_the_way(hierarchy, solution)))
+            return 0;
+    }
+    return 0;
 }

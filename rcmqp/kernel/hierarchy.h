@@ -41,7 +41,11 @@ typedef struct {
     int max_rounds;       /* of the active set, for each level; 0: account for v as it is */
 } Hierarchy;
 
-/* What is answered. */
+/* What an account is made of, besides the answer. */
+typedef struct Descent Descent;
+
+/* What is answered: all by account(), v, the multipliers and what of info is no KKT residual before
+ * that, in units of its own. */
 typedef struct {
     double *v;           /* (n) inside the box, finite */
     double *residual;    /* (rows) A v - b */
@@ -49,11 +53,14 @@ typedef struct {
     double *touching;    /* (2, N) 1 where v is at the lower, at the upper bound */
     double *multipliers; /* (levels + 1, N) in the rows' own units, positive at upper bounds */
     double *info;        /* (levels + 1, COLUMNS) */
+    Descent *descent;
 } Solution;
 
 size_t memory_for(int n, int m, int rows, int levels);
 
 int solve_hierarchy(const Hierarchy *hierarchy, double *sets, Solution *solution,
                     Proposer propose, void *backend, Arena *arena);
+
+void account(const Hierarchy *hierarchy, Solution *solution, Arena *arena);
 
 #endif

@@ -4,6 +4,7 @@
 #include "drawn.h"
 #include "hierarchy.h"
 
+int add_account_type(PyObject *module);
 int add_block_type(PyObject *module);
 int add_stack_type(PyObject *module);
 
@@ -95,6 +96,8 @@ PyMODINIT_FUNC PyInit__kernel(void)
     PyObject *made = PyModule_Create(&module);
     for (size_t i = 0; made != NULL && i < sizeof constants / sizeof *constants; ++i)
         if (PyModule_AddIntConstant(made, constants[i].name, constants[i].value) < 0) Py_CLEAR(made);
-    if (made != NULL && (add_block_type(made) < 0 || add_stack_type(made) < 0)) Py_CLEAR(made);
+    if (made != NULL && (add_block_type(made) < 0 || add_stack_type(made) < 0 ||
+                         add_account_type(made) < 0))
+        Py_CLEAR(made);
     return made;
 }

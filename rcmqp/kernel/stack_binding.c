@@ -14,9 +14,8 @@ typedef struct {
     PyObject *blocks, *names, *ends; /* kept alive; names of the numbers in a summary */
     double *numbers;  /* damping, acceleration, jerk */
     double *sets;     /* (levels + 1, SETS, bounds) active sets found last */
-    double *memory;
-    size_t capacity;
-    int guarded, max_rounds, bounds, busy;
+    Room rooms[2];    /* used in turns, so that one account may wait while the next is made */
+    int turn, guarded, max_rounds, bounds, busy;
 } StackObject;
 
 int add_stack_type(PyObject *module);
@@ -154,7 +153,7 @@ static void stack_dealloc(StackObject *self)
     PyMem_Free(self->stack.limits);
     PyMem_Free(self->numbers);
     PyMem_Free(self->sets);
-    PyMem_RawFree(self->memory);
+    for (int k = 0; k < 2; ++k) PyMem_RawFree(self->rooms[k].memory);
     Py_XDECREF(self->blocks);
     Py_XDECREF(self->names);
     Py_XDECREF(self->ends);
@@ -182,15 +181,18 @@ static int end_levels(StackObject *self)
     return 0;
 }
 
-/* Memory for a cycle, and active sets of the right size; -1 with an error. */
+/* Memory for a cycle in the room whose turn it is, and active sets of the right size; -1 with an
+ * error. */
 static int make_room(StackObject *self, const Hierarchy *hierarchy, npy_intp rows)
 {
     const int n = hierarchy->n, m = hierarchy->m, levels = hierarchy->levels;
     const size_t size = memory_for_rows(n, m, (int)rows) + memory_for(n, m, (int)rows, levels);
-    if (size > self->capacity) {
-        double *memory = PyMem_RawRealloc(self->memory, sizeof(double) * size);
+    Room *room = &self->rooms[self->turn];
+    if (tell(room) < 0) return -1;
+    if (size > room->capacity) {
+        double *memory = PyMem_RawRealloc(room->memory, sizeof(double) * size);
         if (memory == NULL) return PyErr_NoMemory(), -1;
-        self->memory = memory, self->capacity = size;
+        room->memory = memory, room->capacity = size;
     }
     if (self->bounds == n + m) return 0;
     double *sets = PyMem_Calloc((size_t)(levels + 1) * SETS * (size_t)(n + m), sizeof(double));
@@ -233,7 +235,10 @@ static int read_problem(StackObject *self, PyObject *const *args, Hierarchy *hie
     for (int k = 0; k < stack->limit_count; ++k) hierarchy->m += stack->limits[k].m;
     const npy_intp rows = (npy_intp)hierarchy->ends[stack->levels - 1];
     if (!check_levels(hierarchy, rows) || make_room(self, hierarchy, rows) < 0) return -1;
-    *arena = (Arena){self->memory, 0};
+    *arena = (Arena){self->rooms[self->turn].memory, 0};
+    int64_t *ends = (int64_t *)take(arena, stack->levels); /* those of an account stay its own */
+    memcpy(ends, hierarchy->ends, sizeof(int64_t) * (size_t)stack->levels);
+    hierarchy->ends = ends;
     stack_rows(stack, &cycle, hierarchy, arena);
     return 1;
 }
@@ -248,22 +253,25 @@ static int enter(StackObject *self)
     return self->busy = 1;
 }
 
-/* step(cycle ..., given, backend): v, numbers, summary, ends, hard rows; None where rows that are
- * given do not fit or are not finite. */
+/* step(cycle ..., given, backend): v, account, ends, hard rows; None where rows that are given do not
+ * fit or are not finite. */
 static PyObject *stack_step(StackObject *self, PyObject *const *args, Py_ssize_t count)
 {
     if (!counted("step", count, CYCLE_ARGUMENTS + 2) || !enter(self)) return NULL;
-    PyObject *answer = NULL, *whole = NULL;
-    Hierarchy hierarchy;
+    PyObject *v = NULL, *account = NULL, *whole = NULL;
+    Solved solved;
     Arena arena;
-    const int read = read_problem(self, args, &hierarchy, &arena);
-    if (read > 0)
-        answer = answered(&hierarchy, NULL, self->sets, args[CYCLE_ARGUMENTS + 1], self->names,
-                          &arena);
-    if (answer != NULL)
-        whole = Py_BuildValue("(OOOOi)", PyTuple_GET_ITEM(answer, 0), PyTuple_GET_ITEM(answer, 1),
-                              PyTuple_GET_ITEM(answer, 2), self->ends, hierarchy.m);
-    Py_XDECREF(answer);
+    self->turn = !self->turn;
+    const int read = read_problem(self, args, &solved.hierarchy, &arena);
+    if (read > 0 && !solve_in(&solved, NULL, self->sets, args[CYCLE_ARGUMENTS + 1], &arena)) {
+        v = copied(solved.solution.v, solved.hierarchy.n, -1);
+        account = make_account(&solved, arena, &self->rooms[self->turn], (PyObject *)self,
+                               self->names);
+    }
+    if (v != NULL && account != NULL)
+        whole = Py_BuildValue("(OOOi)", v, account, self->ends, solved.hierarchy.m);
+    Py_XDECREF(v);
+    Py_XDECREF(account);
     self->busy = 0;
     return read == 0 ? Py_NewRef(Py_None) : whole;
 }

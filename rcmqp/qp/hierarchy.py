@@ -152,8 +152,8 @@ class Hierarchy:
         box = bounds.lower, bounds.upper, bounds.C, bounds.d
         problem = (A, b, ends, damping, *box, operator.index(guarded), int(sluggish))
         sets = self.active_sets(len(ends), n + bounds.d.size)
-        v, numbers = _kernel.solve(*problem, self.max_rounds, None, sets, self.asks)
-        answer = Answer(numbers, ends, n, bounds.d.size)
+        v, account = _kernel.solve(*problem, self.max_rounds, None, sets, self.asks)
+        answer = Answer(account, ends, n, bounds.d.size)
         names = [level.name for level in levels]
         return HierarchySolution(v, bounds.names, answer, names, self.verdicts())
 

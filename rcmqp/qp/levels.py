@@ -188,6 +188,11 @@ class HierarchySolution:
         return (*norms, float(self.exact), float(bounded.sum()), excess, kkt)
 
     @property
+    def recorded(self) -> dict[str, float]:
+        """The summary by name; empty where the numbers have none, as of Hierarchy.solve()."""
+        return self._answer.account.summary or {}
+
+    @property
     def limits(self) -> LevelResult:
         """The hard rows; its residual is ``violation``."""
         return self._result(0, "limits", self.violation)
@@ -276,16 +281,21 @@ class Answer:
     """Numbers of one solve, as compiled code leaves them; read-only.
 
     Attributes:
-        numbers: all of them in one array, in the order of the properties.
+        account: all of them in one array, in the order of the properties, once it is asked.
         ends: (levels,) where each level's rows end; the last level is the rest.
         n: unknowns.
         m: hard rows.
     """
 
-    numbers: Array
+    account: _kernel.Account
     ends: NDArray[np.int64]
     n: int
     m: int
+
+    @property
+    def numbers(self) -> Array:
+        """All of them."""
+        return self.account.numbers
 
     @property
     def lower(self) -> Array:
