@@ -417,7 +417,7 @@ static Route answer(Search *search, int first, double *set, double *y, double *l
     if (used <= 0) { /* no guess, or one that was wrong, or so bad that it cost digits */
         solve_open(search, y);
         for (int i = 0; i < k; ++i) guess[i] = lam[i] = set[index[i]] = 0.0;
-        if (search->open.rank >= 0 && feasible(problem, y)) return CLOSED_FORM;
+        if (search->open.rank >= 0 && feasible(problem, y, arena)) return CLOSED_FORM;
         if (asks && ways->propose(ways->backend, ways->level, problem, index, set) < 0)
             return FAILED;
         for (int i = 0; i < k; ++i) guess[i] = set[index[i]];
@@ -427,7 +427,7 @@ static Route answer(Search *search, int first, double *set, double *y, double *l
             used = solve_level(problem, most, guess, &search->face, y, lam, arena);
         }
     }
-    if (used < 0 && !feasible(problem, y)) { /* where the step began is */
+    if (used < 0 && !feasible(problem, y, arena)) { /* where the step began is */
         memset(y, 0, sizeof(double) * (size_t)problem->r);
         memset(lam, 0, sizeof(double) * (size_t)k);
     }

@@ -41,19 +41,33 @@ typedef struct {
     double *held; /* (k) 1 at upper, -1 at lower, 0 for the others */
 } Working;
 
-/* Whether y keeps every bound to FEASIBILITY_TOL. */
-int feasible(const Problem *problem, const double *y)
+/* R y (k). */
+static void products(const Problem *problem, const double *y, double *Ry)
 {
-    const int r = problem->r;
+    for (int i = 0; i < problem->k; ++i) Ry[i] = dot(problem->R + i * problem->r, y, problem->r);
+}
+
+/* Whether R y (k) keeps every bound to FEASIBILITY_TOL. */
+static int kept(const Problem *problem, const double *Ry)
+{
     double size = 1.0, worst = 0.0;
     for (int i = 0; i < problem->k; ++i) {
-        const double Ry = dot(problem->R + i * r, y, r);
-        const double over = larger(Ry - problem->upper[i], problem->lower[i] - Ry);
-        size = larger(size, fabs(Ry));
+        const double over = larger(Ry[i] - problem->upper[i], problem->lower[i] - Ry[i]);
+        size = larger(size, fabs(Ry[i]));
         if (!(over < INFINITY)) return 0; /* NaN too */
         worst = larger(worst, over);
     }
     return worst <= FEASIBILITY_TOL * size;
+}
+
+/* Whether y keeps every bound to FEASIBILITY_TOL. */
+int feasible(const Problem *problem, const double *y, Arena *arena)
+{
+    const size_t mark = arena->used;
+    double *Ry = take(arena, problem->k);
+    products(problem, y, Ry);
+    arena->used = mark;
+    return kept(problem, Ry);
 }
 
 /* Share in [0, 1] of a step that is feasible; *row blocks it (or -1), on *side.
@@ -133,17 +147,17 @@ static int proposes(const Face *face, const double *proposed, int k)
     return face->count == count;
 }
 
-/* The bound that y exceeds most, if by more than CLOSE, of rows that are independent of those held,
- * and its side; or -1. */
-static int exceeded(const Problem *problem, const Face *face, const double *y, double *side)
+/* The bound that R y (k) exceeds most, if by more than CLOSE, of rows that are independent of those
+ * held, and its side; or -1. */
+static int exceeded(const Problem *problem, const Face *face, const double *Ry, double *side)
 {
     const int r = problem->r;
     double most = 0.0;
     int row = -1;
     for (int i = 0; i < problem->k; ++i) {
-        const double *R = problem->R + i * r, Ry = dot(R, y, r);
-        const double above = Ry - problem->upper[i], below = problem->lower[i] - Ry;
-        if (!(larger(above, below) > larger(most, CLOSE * larger(1.0, fabs(Ry))))) continue;
+        const double *R = problem->R + i * r;
+        const double above = Ry[i] - problem->upper[i], below = problem->lower[i] - Ry[i];
+        if (!(larger(above, below) > larger(most, CLOSE * larger(1.0, fabs(Ry[i]))))) continue;
         double left = 0.0;
         for (int b = face->count; b < r; ++b) {
             double part = 0.0;
@@ -260,11 +274,11 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
     const double *M = problem->M, *c = problem->c;
     Working working = {0, (int *)take(arena, r), take(arena, k)};
     double *held = working.held, *near = take(arena, k), *left = take(arena, m);
-    double *step = take(arena, r), *w = take(arena, r), *g = take(arena, r);
+    double *step = take(arena, r), *w = take(arena, r), *g = take(arena, r), *Ry = take(arena, k);
     int *tried = (int *)take(arena, k);
     const double *L = face->L, *Q = face->Q;
     const int *order = face->order;
-    int stalls = 0, status = -max_rounds, guessed = 1;
+    int stalls = 0, status = -max_rounds, guessed = 1, checked = 0; /* that y keeps its bounds */
     memset(held, 0, sizeof(double) * (size_t)k);
     memset(tried, 0, sizeof(int) * (size_t)k);
     memset(y, 0, sizeof(double) * (size_t)r);
@@ -275,6 +289,7 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
         const int count = working.count, n_free = r - count;
         int row;
         double side;
+        checked = 0;
         turn_to(face, problem, &working, arena);
         for (int a = 0; a < count; ++a) { /* back onto the bounds, where steps have drifted off */
             const int i = working.rows[order[a]];
@@ -288,13 +303,14 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
         for (int j = 0; j < r; ++j) step[j] = dot(Q + j * r + count, w, n_free);
         if (guessed && count > 0) {
             advance(y, 1.0, step, r);
-            row = guessed++ <= MENDED && count < r ? exceeded(problem, face, y, &side) : -1;
+            products(problem, y, Ry);
+            row = guessed++ <= MENDED && count < r ? exceeded(problem, face, Ry, &side) : -1;
             if (row >= 0) {
                 working.rows[working.count++] = row, held[row] = side;
                 continue;
             }
-            if (feasible(problem, y)) {
-                guessed = 0;
+            if (kept(problem, Ry)) {
+                guessed = 0, checked = 1;
                 memset(step, 0, sizeof(double) * (size_t)r);
             } else { /* start from the way to it, without a working set */
                 guessed = 0;
@@ -369,5 +385,5 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
     }
     memcpy(set, held, sizeof(double) * (size_t)k);
     arena->used = mark;
-    return status > 0 && !feasible(problem, y) ? -status : status;
+    return status > 0 && !checked && !feasible(problem, y, arena) ? -status : status;
 }

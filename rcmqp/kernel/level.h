@@ -41,7 +41,7 @@ typedef struct {
 
 Face make_face(const Problem *problem, Arena *arena);
 
-int feasible(const Problem *problem, const double *y);
+int feasible(const Problem *problem, const double *y, Arena *arena);
 
 int solve_level(const Problem *problem, int max_rounds, double *set, Face *face, double *y,
                 double *multipliers, Arena *arena);

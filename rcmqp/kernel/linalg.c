@@ -169,8 +169,9 @@ void least_squares(LeastSquares *by, const double *c, double *y)
     const int m = by->m, r = by->r, rank = by->rank;
     double *w = by->w, *left = by->left;
     memset(y, 0, sizeof(double) * (size_t)r);
+    memcpy(left, c, sizeof(double) * (size_t)m);
     for (int refined = 0; refined < 2 && rank > 0; ++refined) {
-        for (int i = 0; i < m; ++i) left[i] = c[i] - dot(by->M + i * r, y, r);
+        for (int i = 0; i < m && refined; ++i) left[i] = c[i] - dot(by->M + i * r, y, r);
         if (rank < m || by->direct) {
             solve_columns(columns->L, rank, m, columns->beta, columns->order, left, w);
         } else {
