@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
+from numpy import ndarray  # numpy's own look-up of a name takes some 30 ns
 
 from rcmqp import _kernel
 from rcmqp.controllers.braking import Brake
@@ -291,7 +292,7 @@ class Controller(abc.ABC):
         except (ArithmeticError, np.linalg.LinAlgError, InvalidProblem) as error:
             stop = self.safe_stop(state, f"{type(error).__name__}: {error}")
             return dataclasses.replace(stop, error=error)
-        if not isinstance(getattr(answer, "v", None), np.ndarray):
+        if not isinstance(getattr(answer, "v", None), ndarray):
             raise InvalidCommand(f"{self.name}: {_wrong_kind(answer)}")
         if not _kernel.all_finite(answer.v, ABSURD):
             return self.safe_stop(state, "the law has no finite velocity here")

@@ -12,6 +12,14 @@
 
 #include "linalg.h"
 
+/* How many numbers an array has; PyArray_SIZE() is a call. */
+static inline npy_intp numbers_count(PyArrayObject *array)
+{
+    npy_intp count = 1;
+    for (int i = 0; i < PyArray_NDIM(array); ++i) count *= PyArray_DIM(array, i);
+    return count;
+}
+
 /* The numbers of an array of `size` numbers (-1: any); NULL, with a Python error, if it is not
  * C-contiguous, aligned and of the machine's byte order. */
 static inline void *numbers_of(PyObject *object, int type, npy_intp size, const char *name)
@@ -23,9 +31,9 @@ static inline void *numbers_of(PyObject *object, int type, npy_intp size, const 
                      type == NPY_DOUBLE ? "float64" : "int64");
         return NULL;
     }
-    if (size >= 0 && PyArray_SIZE(array) != size) {
+    if (size >= 0 && numbers_count(array) != size) {
         PyErr_Format(PyExc_ValueError, "%s has %zd numbers, expected %zd", name,
-                     (Py_ssize_t)PyArray_SIZE(array), (Py_ssize_t)size);
+                     (Py_ssize_t)numbers_count(array), (Py_ssize_t)size);
         return NULL;
     }
     return PyArray_DATA(array);
@@ -92,7 +100,7 @@ static inline int is_vector(PyArrayObject *array, npy_intp size)
 
 static inline npy_intp size_of(PyObject *object)
 {
-    return PyArray_Check(object) ? PyArray_SIZE((PyArrayObject *)object) : -1;
+    return PyArray_Check(object) ? numbers_count((PyArrayObject *)object) : -1;
 }
 
 /* Whether there are as many arguments as expected, with a Python error if not. */

@@ -175,7 +175,8 @@ PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count)
     if (array == NULL) return NULL;
     const double *numbers = PyArray_DATA(array);
     int all = 1;
-    for (npy_intp i = 0; i < PyArray_SIZE(array); ++i) all = all && fabs(numbers[i]) < below;
+    const npy_intp size = numbers_count(array);
+    for (npy_intp i = 0; i < size; ++i) all = all && fabs(numbers[i]) < below;
     Py_DECREF(array);
     return PyBool_FromLong(all);
 }

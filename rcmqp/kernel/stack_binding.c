@@ -268,10 +268,11 @@ static PyObject *stack_step(StackObject *self, PyObject *const *args, Py_ssize_t
         account = make_account(&solved, arena, &self->rooms[self->turn], (PyObject *)self,
                                self->names);
     }
-    if (v != NULL && account != NULL)
-        whole = Py_BuildValue("(OOOi)", v, account, self->ends, solved.hierarchy.m);
+    PyObject *m = account == NULL ? NULL : PyLong_FromLong(solved.hierarchy.m);
+    if (v != NULL && m != NULL) whole = PyTuple_Pack(4, v, account, self->ends, m);
     Py_XDECREF(v);
     Py_XDECREF(account);
+    Py_XDECREF(m);
     self->busy = 0;
     return read == 0 ? Py_NewRef(Py_None) : whole;
 }

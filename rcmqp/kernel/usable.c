@@ -19,10 +19,10 @@ static int vector_of(PyObject *object, npy_intp size, const double **numbers)
 {
     PyArrayObject *array = (PyArrayObject *)object;
     if (!is_readable(object) || PyArray_NDIM(array) != 1 ||
-        (size >= 0 && PyArray_SIZE(array) != size))
+        (size >= 0 && PyArray_DIM(array, 0) != size))
         return 0;
     *numbers = PyArray_DATA(array);
-    return are_finite(*numbers, PyArray_SIZE(array));
+    return are_finite(*numbers, PyArray_DIM(array, 0));
 }
 
 /* usable(J_local, x, angles, q, v, a, x_d, x_d_dot, pivot, pivot_dot, tolerance): arrays that compiled
