@@ -35,7 +35,7 @@ from fuzz_arguments import (
     right_stack,
 )
 
-from rcmqp import _kernel
+from rcmqp import ArmState, _kernel
 from rcmqp.show.table import Table
 from rcmqp.tasks.objectives import OBJECTIVES
 
@@ -50,8 +50,8 @@ def same(a: Any, b: Any) -> bool:
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, _kernel.Account):
         return same(a.numbers, b.numbers) and a.summary == b.summary
-    if isinstance(a, Pair):
-        return (a.a, a.b) == (b.a, b.b)
+    if isinstance(a, Pair | ArmState):
+        return all(same(getattr(a, name), getattr(b, name)) for name in type(a).__match_args__)
     return bool(a == b or (a != a and b != b))
 
 
@@ -191,7 +191,7 @@ class Fuzz:
 
 
 FUNCTIONS = (
-    "law", "solve", "usable", "frozen", "record", "moved", "all_finite", "paced",
+    "law", "solve", "usable", "frozen", "record", "state", "moved", "all_finite", "paced",
     "least_singular_values", "in_order", "manipulability", "from_xyzquat", "carried", "view_pose",
     "approach", "store", "views", "view_poses", "observed", "contour",
 )  # fmt: skip

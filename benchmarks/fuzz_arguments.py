@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rcmqp import _kernel
+from rcmqp import ArmState, _kernel
 
 Arguments: TypeAlias = list[Any]
 
@@ -268,7 +268,11 @@ def right(name: str, rng: np.random.Generator) -> Arguments:
         ],
         "frozen": lambda: [rng.normal(size=(6, n)), 6, -1],
         "record": lambda: [Pair, 1, "x"],
-        "moved": lambda: [*vectors[:2], 1e-3],
+        "state": lambda: [
+            *(ArmState, vectors[0], vectors[0], "oMe", rng.normal(size=7)),
+            *(rng.normal(size=(6, n)), vectors[1], None, vectors[2], (0.1,)),
+        ],
+        "moved": lambda: [*vectors[:2], 1e-3, n],
         "all_finite": lambda: [vectors, 1e6],
         "paced": lambda: [60.0, 0.2, 0.01],
         "least_singular_values": lambda: [rng.normal(size=(m, 6, n))],

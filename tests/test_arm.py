@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -381,9 +382,15 @@ def test_a_state_carries_the_joint_velocity_that_was_measured(arm: Arm) -> None:
     assert np.array_equal(state.x, arm.state(q).x)
 
 
-def test_a_joint_velocity_of_another_size_is_refused(lwa3: Arm) -> None:
-    with pytest.raises(InvalidCommand, match=r"joint velocity v has shape \(6,\)"):
-        lwa3.state(lwa3.home, np.zeros(6))
+def test_a_joint_velocity_or_acceleration_of_another_size_is_refused(lwa3: Arm) -> None:
+    six = np.zeros(6)
+    for v in (six, [[0.0] * 7]):
+        shape = re.escape(str(np.shape(v)))
+        with pytest.raises(InvalidCommand, match=rf"joint velocity v has shape {shape}"):
+            lwa3.state(lwa3.home, v, six)
+    for given in (None, lwa3.home):
+        with pytest.raises(InvalidCommand, match=r"joint acceleration a has shape \(6,\)"):
+            lwa3.state(lwa3.home, given, six)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -111,6 +111,9 @@ static inline int counted(const char *name, Py_ssize_t count, Py_ssize_t expecte
     return 0;
 }
 
+/* An instance of a dataclass with slots, see records.c. */
+PyObject *record_of(PyObject *cls, PyObject *const *fields, Py_ssize_t count);
+
 /* Scratch of at least `count` numbers, the same memory for every call: the GIL is held. */
 Arena *scratch(size_t count);
 

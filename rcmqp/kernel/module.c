@@ -12,6 +12,7 @@ PyObject *solve(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *usable(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *state(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *paced(PyObject *self, PyObject *const *args, Py_ssize_t count);
@@ -53,6 +54,7 @@ static PyMethodDef methods[] = {
     METHOD(usable, "Whether a cycle's numbers are finite and x_d is a pose; see _kernel.pyi."),
     METHOD(frozen, "A copy of numbers that cannot be written."),
     METHOD(record, "An instance of a dataclass with slots, without its __init__."),
+    METHOD(state, "The state of an arm."),
     METHOD(moved, "Where joints are a step later."),
     METHOD(all_finite, "Whether all numbers are finite."),
     METHOD(paced, "How fast a damper lets its quantity shrink."),

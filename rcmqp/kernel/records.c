@@ -1,13 +1,15 @@
-/* What a cycle's objects are made of: frozen arrays, records without Python's constructor, a step
- * of the joints. */
+/* What a cycle's objects are made of: frozen arrays, records without Python's constructor, states of
+ * an arm, a step of the joints. */
 
 #define NO_IMPORT_ARRAY
-#include "arrays.h"
+#include "blocks.h"
+#include "dualquaternion.h"
 
 #include <structmember.h>
 
 PyObject *frozen(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count);
+PyObject *state(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count);
 PyObject *all_finite(PyObject *self, PyObject *const *args, Py_ssize_t count);
 
@@ -24,14 +26,14 @@ static PyArrayObject *copy_of(PyObject *values)
     PyArrayObject *made = (PyArrayObject *)PyArray_SimpleNew(PyArray_NDIM(from),
                                                              PyArray_DIMS(from), NPY_DOUBLE);
     if (made == NULL) return NULL;
-    const npy_intp last = PyArray_NDIM(from) - 1, width = PyArray_DIM(from, (int)last);
+    const int last = PyArray_NDIM(from) - 1;
+    const npy_intp width = PyArray_DIM(from, last), across = PyArray_STRIDE(from, last);
     const npy_intp height = last > 0 ? PyArray_DIM(from, 0) : 1;
+    const npy_intp down = last > 0 ? PyArray_STRIDE(from, 0) : 0;
+    const char *row = PyArray_BYTES(from);
     double *to = PyArray_DATA(made);
-    for (npy_intp i = 0; i < height; ++i) {
-        const char *row = PyArray_BYTES(from) + (last > 0 ? i * PyArray_STRIDE(from, 0) : 0);
-        for (npy_intp j = 0; j < width; ++j, row += PyArray_STRIDE(from, (int)last))
-            *to++ = *(const double *)row;
-    }
+    for (npy_intp i = 0; i < height; ++i, row += down)
+        for (npy_intp j = 0; j < width; ++j) *to++ = *(const double *)(row + j * across);
     return made;
 }
 
@@ -115,42 +117,94 @@ static const Layout *layout_of(PyTypeObject *type, Layout *own)
     return &known[count++];
 }
 
-/* record(cls, ...): cls(...) for a dataclass with slots, but for its __post_init__, every field given;
- * one given as Ellipsis is left empty. A frozen one's own __init__ takes some 100 ns a field;
- * this 3 where the class is remembered, else about 50. */
-PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count)
+/* cls(...) for a dataclass with slots, but for its __post_init__, every field given; one given as
+ * Ellipsis is left empty. A frozen one's own __init__ takes some 100 ns a field; this 3 where the
+ * class is remembered, else about 50. */
+PyObject *record_of(PyObject *cls, PyObject *const *fields, Py_ssize_t count)
 {
     Layout own;
-    (void)self;
-    if (count < 1 || !PyType_Check(args[0])) {
-        PyErr_SetString(PyExc_TypeError, "record() takes a dataclass and its fields");
+    if (!PyType_Check(cls)) {
+        PyErr_SetString(PyExc_TypeError, "a record is of a dataclass");
         return NULL;
     }
-    PyTypeObject *type = (PyTypeObject *)args[0];
+    PyTypeObject *type = (PyTypeObject *)cls;
     const Layout *layout = layout_of(type, &own);
     if (layout == NULL) return NULL;
-    if (layout->count != count - 1) {
+    if (layout->count != count) {
         PyErr_Format(PyExc_TypeError, "record() needs every field of %s", type->tp_name);
         return NULL;
     }
     PyObject *made = type->tp_alloc(type, 0);
-    for (Py_ssize_t i = 0; made != NULL && i < layout->count; ++i)
-        if (args[i + 1] != Py_Ellipsis)
-            *(PyObject **)((char *)made + layout->places[i]) = Py_NewRef(args[i + 1]);
+    for (Py_ssize_t i = 0; made != NULL && i < count; ++i)
+        if (fields[i] != Py_Ellipsis)
+            *(PyObject **)((char *)made + layout->places[i]) = Py_NewRef(fields[i]);
     return made;
 }
 
-/* moved(q, v, dt): q + dt v; None if the two are no vectors of one size. */
+/* record(cls, ...), see record_of() */
+PyObject *record(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    (void)self;
+    if (count < 1) {
+        PyErr_SetString(PyExc_TypeError, "record() takes a dataclass and its fields");
+        return NULL;
+    }
+    return record_of(args[0], args + 1, count - 1);
+}
+
+/* A copy of a vector (size) that cannot be written, or `other` for None; NULL if its size is another,
+ * or, with an error, if numpy makes no numbers of it. */
+static PyArrayObject *rate_of(PyObject *values, npy_intp size, PyObject *other)
+{
+    if (values == Py_None) return (PyArrayObject *)Py_NewRef(other);
+    PyArrayObject *rate = copy_of(values);
+    if (rate == NULL) return NULL;
+    PyArray_CLEARFLAGS(rate, NPY_ARRAY_WRITEABLE);
+    if (!is_vector(rate, size)) Py_CLEAR(rate);
+    return rate;
+}
+
+/* state(cls, q, angles, oMe, placement, J_local, v, a, still, tool_at): an ArmState of a placement
+ * as dq_of_xyzquat() takes it, and of copies of J_local, v and a; still (nv,) stands for a v or an a
+ * that is None. None if v or a is no vector of that size. */
+PyObject *state(PyObject *self, PyObject *const *args, Py_ssize_t count)
+{
+    double x[8];
+    (void)self;
+    if (!counted("state", count, 10)) return NULL;
+    const npy_intp nv = size_of(args[8]);
+    PyArrayObject *J = copy_of(args[5]), *v = J == NULL ? NULL : rate_of(args[6], nv, args[8]);
+    PyArrayObject *a = v == NULL ? NULL : rate_of(args[7], nv, args[8]);
+    const double *placement = numbers_of(args[4], NPY_DOUBLE, 7, "placement");
+    PyObject *made = NULL;
+    if (a != NULL && placement != NULL) {
+        PyArray_CLEARFLAGS(J, NPY_ARRAY_WRITEABLE);
+        dq_of_xyzquat(placement, x);
+        PyObject *pose = copied(x, 8, -1);
+        PyObject *fields[] = {args[1], args[2], args[3], pose,
+                              (PyObject *)J, (PyObject *)v, (PyObject *)a, args[9]};
+        if (pose != NULL) made = record_of(args[0], fields, 8);
+        Py_XDECREF(pose);
+    } else if (!PyErr_Occurred()) {
+        made = Py_NewRef(Py_None);
+    }
+    Py_XDECREF(J);
+    Py_XDECREF(v);
+    Py_XDECREF(a);
+    return made;
+}
+
+/* moved(q, v, dt, size): q + dt v; None if the two are no vectors of that size. */
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("moved", count, 3)) return NULL;
+    if (!counted("moved", count, 4)) return NULL;
     const double dt = PyFloat_AsDouble(args[2]);
+    npy_intp size = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[3]);
     if (PyErr_Occurred()) return NULL;
     PyArrayObject *q = numbers_in(args[0]), *v = q == NULL ? NULL : numbers_in(args[1]);
     PyObject *next = NULL;
-    if (v != NULL && PyArray_NDIM(q) == 1 && is_vector(v, PyArray_SIZE(q))) {
-        npy_intp size = PyArray_SIZE(q);
+    if (v != NULL && is_vector(q, size) && is_vector(v, size)) {
         if ((next = PyArray_SimpleNew(1, &size, NPY_DOUBLE)) != NULL) {
             const double *from = PyArray_DATA(q), *by = PyArray_DATA(v);
             double *to = PyArray_DATA((PyArrayObject *)next);

@@ -25,7 +25,7 @@ from rcmqp.world.limited import Limited
 
 _LOCAL = pin.ReferenceFrame.LOCAL
 _jacobians, _placement = pin.computeJointJacobians, pin.updateFramePlacement
-_frozen = _kernel.frozen
+_frozen, _state = _kernel.frozen, _kernel.state
 _jacobian, _xyzquat = pin.getFrameJacobian, pin.SE3ToXYZQUAT
 
 
@@ -276,13 +276,10 @@ class Arm(Limited):
         here = _frozen(q, nq)
         if here is None:
             raise _wrong_size("configuration q", q, nq, self._hint(q))
-        v = self._still if v is None else _sized(v, nv, "joint velocity v")
-        a = self._still if a is None else _sized(a, nv, "joint acceleration a")
         model, data, effector = self._kinematics, self._scratch.data, self._effector
         _jacobians(model, data, here)  # runs forward kinematics too
         oMe = _placement(model, data, effector)
-        J_local = _frozen(_jacobian(model, data, effector, _LOCAL), 6, nv)
-        x = _kernel.from_xyzquat(_xyzquat(oMe))
+        J_local = _jacobian(model, data, effector, _LOCAL)
         angles = self._frozen_angles(here) if self._endless else here
         tool: ToolAt = self._tip
         if self.wrist is not None:
@@ -290,7 +287,13 @@ class Arm(Limited):
             J_t = _frozen(_jacobian(model, data, self._tool, _LOCAL), 6, nv)
             assert J_t is not None  # for mypy
             tool = *self._tip, _kernel.from_xyzquat(_xyzquat(oMt)), J_t
-        return _kernel.record(ArmState, here, angles, oMe, x, J_local, v, a, tool)
+        made = _state(ArmState, here, angles, oMe, _xyzquat(oMe), J_local, v, a, self._still, tool)
+        if made is None:
+            if v is not None and np.shape(v) != (nv,):
+                raise _wrong_size("joint velocity v", v, nv)
+            assert a is not None  # for mypy
+            raise _wrong_size("joint acceleration a", a, nv)
+        return made
 
     def skeleton(self, q: ArrayLike) -> Array:
         """Points (nv + 2, 3) in the world [m]: the base, each joint, the effector."""
@@ -330,8 +333,8 @@ class Arm(Limited):
         """Configuration (nq,) reached from ``q`` at velocity ``v`` (nv,) after ``dt`` [s]."""
         if self._endless:
             return np.asarray(pin.integrate(self.model, q, dt * v))
-        moved = _kernel.moved(q, v, dt)
-        if moved is None or len(moved) != self._sizes[0]:
+        moved = _kernel.moved(q, v, dt, self._sizes[0])
+        if moved is None:
             raise InvalidCommand(
                 f"q and v have shapes {np.shape(q)} and {np.shape(v)}, they must be "
                 f"({self.nq},) and ({self.nv},)"
