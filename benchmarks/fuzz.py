@@ -35,7 +35,7 @@ from fuzz_arguments import (
     right_stack,
 )
 
-from rcmqp import ArmState, _kernel
+from rcmqp import ArmState, Reference, _kernel
 from rcmqp.show.table import Table
 from rcmqp.tasks.objectives import OBJECTIVES
 
@@ -50,7 +50,7 @@ def same(a: Any, b: Any) -> bool:
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, _kernel.Account):
         return same(a.numbers, b.numbers) and a.summary == b.summary
-    if isinstance(a, Pair | ArmState):
+    if isinstance(a, Pair | ArmState | Reference):
         return all(same(getattr(a, name), getattr(b, name)) for name in type(a).__match_args__)
     return bool(a == b or (a != a and b != b))
 

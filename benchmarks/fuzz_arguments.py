@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rcmqp import ArmState, _kernel
+from rcmqp import ArmState, Reference, _kernel
 
 Arguments: TypeAlias = list[Any]
 
@@ -283,7 +283,9 @@ def right(name: str, rng: np.random.Generator) -> Arguments:
         "manipulability": lambda: [*cycle(rng, n)[:-1], (0.1,)],
         "from_xyzquat": lambda: [rng.normal(size=7)],
         "carried": lambda: [pose(rng), rng.normal(size=3)],
-        "view_pose": lambda: [pose(rng), *rng.normal(size=8).tolist(), rng.normal(size=3)],
+        "view_pose": lambda: [
+            *(Reference, pose(rng), *rng.normal(size=8).tolist(), rng.normal(size=3)),
+        ],
         "approach": lambda: [
             *(pose(rng), rng.normal(size=3), pose(rng), pose(rng), 5, 20, 1e-3),
             *(pose(rng), rng.normal(size=3), rng.normal(size=3), 0.01, 0.001),

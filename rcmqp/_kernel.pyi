@@ -141,6 +141,7 @@ def manipulability(*cycle: *Cycle) -> tuple[float, Array]: ...
 def from_xyzquat(placement: Array, /) -> Array: ...
 def carried(x: Array, offset: Array, /) -> Array: ...
 def view_pose(
+    cls: type[T],
     x_rcm: ArrayLike,
     alpha: float,
     beta: float,
@@ -152,7 +153,7 @@ def view_pose(
     t_z_dot: float,
     pivot_dot: ArrayLike,
     /,
-) -> tuple[Array, Array, Array, Array] | None: ...
+) -> T | None: ...
 def approach(
     x_rcm: Array,
     pivot_0: Array,

@@ -226,7 +226,7 @@ def test_the_first_argument_that_fails_is_the_error_whatever_comes_after_it() ->
             kernel.paced(number, 0.2, 0.01)
     assert kernel.paced(np.float32(60.0), 0.2, np.int64(1)) == kernel.paced(60.0, 0.2, 1.0)
     with pytest.raises(ZeroDivisionError):
-        kernel.view_pose(x, *[bad] * 8, three)
+        kernel.view_pose(Reference, x, *[bad] * 8, three)
     with pytest.raises(ZeroDivisionError):
         kernel.law(x, J, seven, x, x, (bad, seven), numbers, seven, False, 0)
     with pytest.raises(TypeError, match="the objective must be a Block or a tuple"):

@@ -115,12 +115,10 @@ PyObject *from_xyzquat(PyObject *self, PyObject *const *args, Py_ssize_t count)
     (void)self;
     if (!counted("from_xyzquat", count, 1)) return NULL;
     const double *placement = numbers_of(args[0], NPY_DOUBLE, 7, "placement");
-    double *numbers = NULL;
-    PyObject *x = placement == NULL ? NULL : vector(8, &numbers);
-    if (x == NULL) return NULL;
-    dq_of_xyzquat(placement, numbers);
-    PyArray_CLEARFLAGS((PyArrayObject *)x, NPY_ARRAY_WRITEABLE);
-    return x;
+    double x[8];
+    if (placement == NULL) return NULL;
+    dq_of_xyzquat(placement, x);
+    return copied(x, 8, -1);
 }
 
 /* carried(x, offset) */
@@ -140,32 +138,29 @@ PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count)
     return moved;
 }
 
-/* view_pose(x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot):
- * x_d, x_d_dot, pivot, pivot_dot, none of them to be written or anybody else's; None if x_rcm or
- * pivot_dot is no vector of its size. */
+/* view_pose(cls, x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot):
+ * a Reference of x_d, x_d_dot, pivot and pivot_dot, none of them to be written or anybody else's; None
+ * if x_rcm or pivot_dot is no vector of its size. */
 PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
-    if (!counted("view_pose", count, VIEW_NUMBERS + 2)) return NULL;
-    double view[VIEW_NUMBERS], *x_d = NULL, *x_d_dot = NULL, *pivot = NULL;
-    for (int i = 0; i < VIEW_NUMBERS && !PyErr_Occurred(); ++i)
-        view[i] = PyFloat_AsDouble(args[1 + i]);
-    if (PyErr_Occurred()) return NULL;
-    PyArrayObject *x_rcm = numbers_in(args[0]), *pivot_dot = NULL;
-    if (x_rcm != NULL) pivot_dot = numbers_in(args[VIEW_NUMBERS + 1]);
+    if (!counted("view_pose", count, VIEW_NUMBERS + 3)) return NULL;
+    double view[VIEW_NUMBERS], x_d[8], x_d_dot[8], pivot[3];
+    for (int i = 0; i < VIEW_NUMBERS; ++i) {
+        view[i] = PyFloat_AsDouble(args[2 + i]);
+        if (view[i] == -1.0 && PyErr_Occurred()) return NULL;
+    }
+    PyArrayObject *x_rcm = numbers_in(args[1]), *pivot_dot = NULL;
+    if (x_rcm != NULL) pivot_dot = numbers_in(args[VIEW_NUMBERS + 2]);
     PyObject *answer = NULL;
     if (pivot_dot != NULL && is_vector(x_rcm, 8) && is_vector(pivot_dot, 3)) {
-        PyObject *made[] = {vector(8, &x_d), vector(8, &x_d_dot), vector(3, &pivot)};
-        if (!PyErr_Occurred())
-            pose_of_view(PyArray_DATA(x_rcm), view, PyArray_DATA(pivot_dot), x_d, x_d_dot, pivot);
-        if (PyArray_ISWRITEABLE(pivot_dot)) { /* the caller's own */
-            PyArrayObject *own = (PyArrayObject *)PyArray_NewCopy(pivot_dot, NPY_CORDER);
-            Py_DECREF(pivot_dot);
-            pivot_dot = own;
-        }
-        answer = Py_BuildValue("(NNNO)", made[0], made[1], made[2], pivot_dot);
-        for (int i = 0; answer != NULL && i < 4; ++i)
-            PyArray_CLEARFLAGS((PyArrayObject *)PyTuple_GET_ITEM(answer, i), NPY_ARRAY_WRITEABLE);
+        const double *rate = PyArray_DATA(pivot_dot);
+        pose_of_view(PyArray_DATA(x_rcm), view, rate, x_d, x_d_dot, pivot);
+        const int own = PyArray_ISWRITEABLE(pivot_dot); /* the caller's, who may change it */
+        PyObject *fields[] = {copied(x_d, 8, -1), copied(x_d_dot, 8, -1), copied(pivot, 3, -1),
+                              own ? copied(rate, 3, -1) : Py_NewRef((PyObject *)pivot_dot)};
+        if (!PyErr_Occurred()) answer = record_of(args[0], fields, 4);
+        for (int i = 0; i < 4; ++i) Py_XDECREF(fields[i]);
     } else if (pivot_dot != NULL) {
         answer = Py_NewRef(Py_None);
     }

@@ -107,7 +107,8 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command: the view and its rates.
         pivot_dot: (3,) velocity of the trocar [m/s]; the reference moves with it.
     """
-    pose = _kernel.view_pose(
+    reference = _kernel.view_pose(
+        Reference,
         x_rcm,
         command.alpha,
         command.beta,
@@ -119,13 +120,12 @@ def view_pose(x_rcm: ArrayLike, command: ViewCommand, pivot_dot: ArrayLike = STI
         command.t_z_dot,
         pivot_dot,
     )
-    if pose is None:
+    if reference is None:
         raise InvalidCommand(
             f"x_rcm has shape {np.shape(x_rcm)} and pivot_dot {np.shape(pivot_dot)}, they must be "
             "(8,) and (3,)"
         )
-    x_d, x_d_dot, pivot, pivot_dot = pose
-    return _kernel.record(Reference, x_d, x_d_dot, pivot, pivot_dot)
+    return reference
 
 
 def carried(x: Array, offset: Array) -> Array:
