@@ -136,7 +136,7 @@ class Fuzz:
             if rng.integers(4) == 0:
                 stack.step(*state[0], state[1], None)
             if kept and kept[0] is not None and rng.integers(2):
-                kept[0][1].numbers.sum()
+                self.call("Account", lambda: kept[0][1].numbers.sum())
             return (
                 hostile(rng, np.zeros(len(R)), [*state[0]])
                 if rng.integers(2)
@@ -152,6 +152,7 @@ class Fuzz:
             kept.append(self.call("Stack.step, backend", asked.step, *args))
             args = self.worse(rng, [*cycle(rng, n), given_rows(rng, n)])
             self.call("Stack.problem", asked.problem, *args)
+            self.call("Account", setattr, first[1], "numbers", None)
         stack.reset()
         again = stack.step(*state[0], state[1], None)
         if not same(first, again):
