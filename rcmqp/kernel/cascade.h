@@ -89,6 +89,14 @@ typedef struct {
     int last;           /* 1 where no level follows, so that what it leaves free is not needed */
 } Level;
 
+/* The bounds' rows along the free directions, which most levels have in common. */
+typedef struct {
+    int free;
+    double *Z;       /* (free, n) the directions that they were made for */
+    double *rows;    /* (N, free) */
+    double *squares; /* (N) of their norms */
+} Seen;
+
 /* A feasible point and the directions in which it may still move. */
 typedef struct {
     int n, N;      /* unknowns; bounds: the box, then the hard rows */
@@ -104,6 +112,7 @@ typedef struct {
     double *h;     /* (held) H v as the damped levels left it */
     double *shift; /* (held) strict levels are held to h plus this: H (v_k - v0), without bounds */
     const double *offset; /* (n) v_k - v0 of the level at hand; NULL without bounds */
+    Seen *seen;
 } State;
 
 /* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in set

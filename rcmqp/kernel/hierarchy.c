@@ -40,6 +40,7 @@
  * about 1, so that tolerances fit any box. */
 struct Descent {
     State state;
+    Seen seen;
     double unit;
     double *A;    /* (rows, n) without entries below the resolution, which decide nothing */
     double *goal; /* (rows) b */
@@ -82,7 +83,8 @@ static Descent scaled(const Hierarchy *hierarchy, double *v, Arena *arena)
     const int rows = (int)hierarchy->ends[levels - 1];
     Descent made = {{n, N, 0, v, take(arena, n * n), take(arena, N * n), take(arena, N),
                      take(arena, N), take(arena, N), 0, take(arena, rows * n), take(arena, rows),
-                     take(arena, rows), NULL},
+                     take(arena, rows), NULL, NULL},
+                    {-1, take(arena, n * n), take(arena, N * n), take(arena, N)},
                     1.0, take(arena, rows * n), take(arena, rows), take(arena, (levels + 1) * n * n),
                     (int *)take(arena, levels + 1), take(arena, (levels + 1) * n),
                     take(arena, (levels + 1) * n * n), (int *)take(arena, levels + 1),
@@ -560,6 +562,7 @@ static int solve_once(const Hierarchy *hierarchy, int after, double *sets, Solut
     const int N = hierarchy->n + hierarchy->m, count = hierarchy->levels + 1;
     Descent *descent = solution->descent;
     *descent = scaled(hierarchy, solution->v, arena);
+    descent->state.seen = &descent->seen;
     memset(solution->multipliers, 0, sizeof(double) * (size_t)(count * N));
     memset(solution->info, 0, sizeof(double) * (size_t)(count * COLUMNS));
     if (hierarchy->max_rounds == 0) {
