@@ -11,12 +11,13 @@
 #define FASTEST 1e6
 
 /* Cuts of a bracket, from which on only by half, how narrow it becomes, and how close to the
- * distance, as a share, a search ends; steps to its first guess. */
+ * distance, as a share, a search ends; steps of about_stopping_speed(), and of hit(). */
 #define CUTS 100
 #define PATIENCE 12
 #define NARROW 1e-14
 #define CLOSE 1e-14
 #define GUESSES 4
+#define STEPS 6
 
 /* An acceleration towards a limit, over the hardest deceleration, falls so many times as fast as a
  * stop grows, if that is faster; but not beyond that deceleration within a cycle. */
@@ -64,11 +65,17 @@ static double taken(double end, double a, double most)
     return ramp(end) - ramp(second) - ramp(first);
 }
 
-/* When the stop from speed v and acceleration a ends; piecewise linear, and solved as such. */
+/* About when the stop from speed v and acceleration a ends. */
+static double guess_of_end(double v, double a, double most)
+{
+    const double guess = a + sqrt(larger(0.0, 4.0 * v + 2.0 * a * (a - 1.0)));
+    return 0.5 * (guess - a) > most ? (v + ramp(a + most)) / most + 0.5 * (most + 1.0) : guess;
+}
+
+/* When it ends; piecewise linear, and solved as such. */
 static double end_of_stop(double v, double a, double most)
 {
-    double guess = a + sqrt(larger(0.0, 4.0 * v + 2.0 * a * (a - 1.0)));
-    if (0.5 * (guess - a) > most) guess = (v + ramp(a + most)) / most + 0.5 * (most + 1.0);
+    const double guess = guess_of_end(v, a, most);
     double low = larger(floor(guess), fabs(a)), high = floor(low) + 1.0;
     double least = taken(low, a, most), greatest = taken(high, a, most);
     for (int i = 0; i < CUTS && least > v && low > fabs(a); ++i) {
@@ -91,11 +98,10 @@ static double end_of_stop(double v, double a, double most)
     return rise > 0.0 && v > least ? low + (high - low) * smaller(1.0, (v - least) / rise) : low;
 }
 
-/* Way of the stop from v and a, this cycle at v included, towards the side to which it goes. */
-static double way(double v, double a, double most)
+/* Way of a stop, its first cycle included. */
+static double way(double end, double a, double most)
 {
     double first, second;
-    const double end = end_of_stop(v, a, most);
     corners(end, a, most, &first, &second);
     return moment(end) - moment(second) - moment(first);
 }
@@ -103,8 +109,8 @@ static double way(double v, double a, double most)
 /* How far up a joint gets that goes on at v, its last change a, and then stops. */
 static double reach(double v, double a, double most)
 {
-    if (v + ramp(a) >= 0.0) return way(v, a, most);
-    if (v <= 0.0) return -way(-v, -a, most);
+    if (v + ramp(a) >= 0.0) return way(end_of_stop(v, a, most), a, most);
+    if (v <= 0.0) return -way(end_of_stop(-v, -a, most), -a, most);
     const double b = a + 0.5; /* v_i = v + i a + i (i + 1) / 2 is positive up to here */
     const double n = floor(larger(0.0, -b - sqrt(larger(0.0, b * b - 2.0 * v))));
     return (n + 1.0) * (v + 0.5 * n * (a + (n + 2.0) / 3.0));
@@ -129,33 +135,59 @@ static double smooth_reach(double v, double a, double most, double *slope)
     return way + a * now + a * a * a / 3.0;
 }
 
-/* About the largest a with smooth_reach(v, a) <= distance, in [low, high], and the slope there. */
+/* About the largest a with smooth_reach(v, a) <= distance, in [low, high], by so many steps from a
+ * guess on; and the slope about there. */
 static double smooth_highest(double v, double low, double high, double distance, double most,
-                             double *slope)
+                             int steps, double *slope)
 {
     const double half = 0.5 * most * most;
     const double peak = distance < most * most * most
                             ? cbrt(distance * distance)
                             : sqrt(half * half + 2.0 * distance * most) - half;
     double a = clipped(sqrt(larger(0.0, 1.0 + 2.0 * (peak - v))) - 1.0, low, high);
-    for (int i = 0; i < GUESSES; ++i) {
+    for (int i = 0; i < steps; ++i) {
         const double excess = smooth_reach(v, a, most, slope) - distance;
         if (!(*slope > 0.0)) break;
         a = clipped(a - excess / *slope, low, high);
     }
-    smooth_reach(v, a, most, slope);
     return a;
+}
+
+/* Whether a with reach(v + a, a) = distance is found from a guess on. Where something only slows down,
+ * the speed that its stop takes away and the way of it are linear in a and in the end of the stop, as
+ * long as the end and both corners stay between the same whole numbers: Newton's method is there when
+ * they do. */
+static int hit(double v, double distance, double most, double *a)
+{
+    double end = guess_of_end(v + *a, *a, most), first, second, piece[3] = {INFINITY};
+    for (int i = 0; i < STEPS; ++i) {
+        corners(end, *a, most, &first, &second);
+        const double whole[3] = {trunc(end), trunc(second), trunc(first)};
+        if (whole[0] == piece[0] && whole[1] == piece[1] && whole[2] == piece[2])
+            return end >= fabs(*a) && v + *a + ramp(*a) >= 0.0;
+        const double n = fabs(whole[0]), m = fabs(whole[1]), k = fabs(whole[2]);
+        const double speed = taken(end, *a, most) - (v + *a), excess = way(end, *a, most) - distance;
+        const double speed_by_a = -k - 1.0, way_by_a = -0.5 * k * (k + 1.0);
+        const double speed_by_end = n - m, way_by_end = 0.5 * (n * (n + 1.0) - m * (m + 1.0));
+        const double det = speed_by_a * way_by_end - speed_by_end * way_by_a;
+        *a -= (speed * way_by_end - excess * speed_by_end) / det;
+        end -= (excess * speed_by_a - speed * way_by_a) / det;
+        for (int j = 0; j < 3; ++j) piece[j] = whole[j];
+    }
+    return 0;
 }
 
 /* The largest a in [low, high] with reach(v + a, a) <= distance; low if there is none.
  *
- * From a guess on, by secants, kept between what is known to be too low and too high; now and
- * then by half. */
+ * Where Newton's method does not hit it: from a guess on, by secants, kept between what is known to be
+ * too low and too high; now and then by half. */
 static double highest(double v, double low, double high, double distance, double most)
 {
     const double close = CLOSE * larger(1.0, fabs(distance)), least = low, greatest = high;
     if (farthest(v + high, high, most) <= distance) return high;
-    double slope, a = smooth_highest(v, low, high, larger(distance, 0.0), most, &slope);
+    double slope, a = smooth_highest(v, low, high, larger(distance, 0.0), most, 1, &slope), found = a;
+    if (low < a && a < high && hit(v, distance, most, &found) && low <= found && found <= high)
+        return found;
     double before = 0.0, excess_before = 0.0;
     for (int i = 0; i < CUTS && high - low > NARROW * larger(1.0, fabs(high)); ++i) {
         const double excess = reach(v + a, a, most) - distance;
@@ -253,5 +285,5 @@ double about_stopping_speed(double v, double a, double distance, double most, do
     if (farthest(stop.now + stop.high, stop.high, stop.hardest) <= stop.far)
         return v + stop.unit * stop.high;
     return v + stop.unit * smooth_highest(stop.now, stop.low, stop.high, larger(stop.far, 0.0),
-                                          stop.hardest, &slope);
+                                          stop.hardest, GUESSES, &slope);
 }
