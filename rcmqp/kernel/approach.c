@@ -23,11 +23,6 @@
 /* Room for rounding in what the joints can do at least. */
 #define LESS 0.999
 
-/* What the joints can do along one direction of the task. */
-typedef struct {
-    double acceleration, jerk;
-} Ability;
-
 /* What gives the joints' part in a direction: `least`, what they can do along any, is at hand. What
  * they can do along one is found where it decides something. With B (k, n) the rows above, heavy,
  * then the task's, and d the damping, K is the factor of d^2 I + B B^T (k, k) or, where that is
@@ -52,13 +47,9 @@ static Joints make_joints(const Brakes *brakes, const Approached *task, Arena *a
 {
     const int n = brakes->n, k = task->above_rows + task->m, size = k < n ? k : n;
     const double by = LESS * 2.0 * damping_of(task);
-    Joints joints = {brakes, task, {INFINITY, INFINITY}, k, 0, take(arena, size * size),
-                     take(arena, n), take(arena, k)};
-    for (int p = 0; p < n; ++p) {
-        joints.least.acceleration = smaller(joints.least.acceleration, by * brakes->acceleration[p]);
-        joints.least.jerk = smaller(joints.least.jerk, by * brakes->jerk[p]);
-    }
-    return joints;
+    const Ability least = {by * brakes->least.acceleration, by * brakes->least.jerk};
+    return (Joints){brakes, task, least, k, 0, take(arena, size * size), take(arena, n),
+                    take(arena, k)};
 }
 
 /* Row i of B without its weight, and that. */
@@ -114,9 +105,8 @@ static Ability ability(Joints *joints, const double *x, double size)
     if (k >= n) cholesky_solve(joints->K, n, w);
     for (int p = 0; p < n; ++p) {
         const double part = fabs(w[p]);
-        if (brakes->acceleration[p] < INFINITY)
-            found.acceleration = smaller(found.acceleration, brakes->acceleration[p] / part);
-        if (brakes->jerk[p] < INFINITY) found.jerk = smaller(found.jerk, brakes->jerk[p] / part);
+        found.acceleration = smaller(found.acceleration, brakes->acceleration[p] / part);
+        found.jerk = smaller(found.jerk, brakes->jerk[p] / part);
     }
     return found;
 }
@@ -183,11 +173,11 @@ void approach_rate(const Brakes *brakes, const Approached *task, double *rate, A
 {
     const int n = brakes->n, m = task->m;
     const double T = brakes->period, K = task->gain, d = size_of_vector(task->e, m);
-    int limited = 0;
-    for (int i = 0; i < m; ++i) rate[i] = -K * task->e[i];
-    for (int p = 0; p < n; ++p)
-        limited = limited || brakes->acceleration[p] < INFINITY || brakes->jerk[p] < INFINITY;
-    if (!limited || !(brakes->share > 0.0)) return;
+    const int limited = brakes->least.acceleration < INFINITY || brakes->least.jerk < INFINITY;
+    if (!limited || !(brakes->share > 0.0)) {
+        for (int i = 0; i < m; ++i) rate[i] = -K * task->e[i];
+        return;
+    }
     const size_t mark = arena->used;
     double *now = take(arena, m), *next = take(arena, m), *later = take(arena, m);
     double *left = take(arena, m), *kept = take(arena, m);
@@ -201,11 +191,12 @@ void approach_rate(const Brakes *brakes, const Approached *task, double *rate, A
     for (int i = 0; i < m; ++i) {
         later[i] += now[i] - rate[i]; /* the rate now, with the change of the wanted one */
         left[i] = rate[i] - later[i];
-        kept[i] = rate[i] - now[i] - T * dot(task->A + i * n, brakes->a, n);
     }
     const double gap = size_of_vector(left, m);
     if (gap > NO_SIZE && largest_change(gap, joints.least.jerk, T) < gap) {
         const double jerk = ability(&joints, left, gap).jerk, most = largest_change(gap, jerk, T);
+        for (int i = 0; i < m; ++i)
+            kept[i] = rate[i] - now[i] - T * dot(task->A + i * n, brakes->a, n);
         double at_once = clipped(2.0 - size_of_vector(kept, m) / (jerk * T * T), 0.0, 1.0);
         if (!(task->damping > 0.0)) {
             const double small = smaller(AT_ONCE, 0.25 * jerk / (K * K * K));

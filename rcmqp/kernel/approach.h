@@ -4,11 +4,17 @@
 
 #include "linalg.h"
 
-/* The joints: limits (n) of acceleration and jerk, the share of the acceleration that is counted
- * on, the sampling period, and the last command v and its change a (n). */
+/* What joints can do. */
+typedef struct {
+    double acceleration, jerk;
+} Ability;
+
+/* The joints: limits (n) of acceleration and jerk, the least of them, the share of the acceleration
+ * that is counted on, the sampling period, and the last command v and its change a (n). */
 typedef struct {
     int n;
     const double *acceleration, *jerk, *v, *a;
+    Ability least;
     double share, period;
 } Brakes;
 

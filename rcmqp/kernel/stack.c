@@ -36,6 +36,13 @@ size_t memory_for_rows(int n, int m, int rows)
     return (size_t)((rows + m + 24) * (n + 10) + n * n + 2 * n) + memory_for_objective(n);
 }
 
+static double least_of(const double *x, int n)
+{
+    double least = INFINITY;
+    for (int i = 0; i < n; ++i) least = smaller(least, x[i]);
+    return least;
+}
+
 /* The problem of a cycle, in the arena: everything of it but where the levels end. */
 void stack_rows(const Stack *stack, const Cycle *cycle, Hierarchy *hierarchy, Arena *arena)
 {
@@ -44,8 +51,9 @@ void stack_rows(const Stack *stack, const Cycle *cycle, Hierarchy *hierarchy, Ar
     double *d = take(arena, m), *lower = take(arena, n), *upper = take(arena, n);
     const size_t mark = arena->used;
     double *e = take(arena, rows), *rate = take(arena, rows);
-    const Brakes brakes = {n,        stack->acceleration, stack->jerk, cycle->v,
-                           cycle->a, stack->share,        stack->period};
+    const Ability least = {least_of(stack->acceleration, n), least_of(stack->jerk, n)};
+    const Brakes brakes = {n,        stack->acceleration, stack->jerk,  cycle->v,
+                           cycle->a, least,               stack->share, stack->period};
     int at = 0;
     for (int k = 0; k < stack->task_count; ++k) {
         const StackTask *task = stack->tasks + k;
