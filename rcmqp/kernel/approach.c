@@ -25,31 +25,33 @@
 
 /* What gives the joints' part in a direction: `least`, what they can do along any, is at hand. What
  * they can do along one is found where it decides something. With B (k, n) the rows above, heavy,
- * then the task's, and d the damping, K is the factor of d^2 I + B B^T (k, k) or, where that is
- * smaller, of d^2 I + B^T B (n, n). */
+ * then the task's, and s^2 the square of the damping, K is the factor of s^2 I + B B^T (k, k) or, where
+ * that is smaller, of s^2 I + B^T B (n, n). Where A is c times one, its rows are not in B, but c^2 in
+ * s^2, for that is what A^T A comes to. */
 typedef struct {
     const Brakes *brakes;
     const Approached *task;
     Ability least;
     int k, made;
+    double square, each;
     double *K, *w, *z; /* (k, k) or (n, n); (n); (k) */
 } Joints;
 
 static double size_of_vector(const double *x, int m) { return sqrt(dot(x, x, m)); }
 
-static double damping_of(const Approached *task)
-{
-    return task->damping > 0.0 ? task->damping : STRICT_DAMPING;
-}
-
-/* |w_j| is at most 1 / (2 damping) below, as damping^2 |w|^2 <= |A w| - |A w|^2. */
+/* |w_j| is at most 1 / (2 damping) below, as damping^2 |w|^2 <= |A w| - |A w|^2; where A is c times
+ * one, at most c / s^2. */
 static Joints make_joints(const Brakes *brakes, const Approached *task, Arena *arena)
 {
-    const int n = brakes->n, k = task->above_rows + task->m, size = k < n ? k : n;
-    const double by = LESS * 2.0 * damping_of(task);
+    const double damping = task->damping > 0.0 ? task->damping : STRICT_DAMPING;
+    const double each = task->above_rows < brakes->n ? task->each : 0.0;
+    const double square = damping * damping + each * each;
+    const double by = LESS * (each > 0.0 ? square / each : 2.0 * damping);
     const Ability least = {by * brakes->least.acceleration, by * brakes->least.jerk};
-    return (Joints){brakes, task, least, k, 0, take(arena, size * size), take(arena, n),
-                    take(arena, k)};
+    const int n = brakes->n, k = task->above_rows + (each > 0.0 ? 0 : task->m);
+    const int size = k < n ? k : n;
+    return (Joints){brakes, task, least, k, 0, square, each, take(arena, size * size),
+                    take(arena, n), take(arena, k)};
 }
 
 /* Row i of B without its weight, and that. */
@@ -64,7 +66,6 @@ static const double *row_of(const Joints *joints, int i, double *weight)
 static void factor_joints(Joints *joints)
 {
     const int n = joints->brakes->n, k = joints->k, size = k < n ? k : n;
-    const double damping = damping_of(joints->task);
     double *K = joints->K, by, other;
     memset(K, 0, sizeof(double) * (size_t)(size * size));
     for (int i = 0; i < k; ++i) {
@@ -81,13 +82,14 @@ static void factor_joints(Joints *joints)
             }
         }
     }
-    for (int i = 0; i < size; ++i) K[i * size + i] += damping * damping;
+    for (int i = 0; i < size; ++i) K[i * size + i] += joints->square;
     cholesky(K, size);
     joints->made = 1;
 }
 
 /* min_j limit_j / |w_j| of acceleration and jerk, with w = [above; A]^+ [0; x / |x|], damped:
- * w = B^T (d^2 I + B B^T)^-1 [0; x / |x|] = (d^2 I + B^T B)^-1 B^T [0; x / |x|]. */
+ * w = B^T (s^2 I + B B^T)^-1 [0; x / |x|] = (s^2 I + B^T B)^-1 B^T [0; x / |x|]; or, where A is c times
+ * one, c (s^2 I + B^T B)^-1 x / |x| = c / s^2 (1 - B^T (s^2 I + B B^T)^-1 B) x / |x|. */
 static Ability ability(Joints *joints, const double *x, double size)
 {
     const Brakes *brakes = joints->brakes;
@@ -95,7 +97,10 @@ static Ability ability(Joints *joints, const double *x, double size)
     double *w = joints->w, *z = joints->z, by;
     Ability found = {INFINITY, INFINITY};
     if (!joints->made) factor_joints(joints);
-    for (int i = 0; i < k; ++i) z[i] = i < above ? 0.0 : x[i - above] / size;
+    for (int i = 0; i < k; ++i) {
+        const double *row = row_of(joints, i, &by);
+        z[i] = (joints->each > 0.0 ? by * dot(row, x, n) : i < above ? 0.0 : x[i - above]) / size;
+    }
     if (k < n) cholesky_solve(joints->K, k, z);
     memset(w, 0, sizeof(double) * (size_t)n);
     for (int i = k < n ? 0 : above; i < k; ++i) {
@@ -104,6 +109,7 @@ static Ability ability(Joints *joints, const double *x, double size)
     }
     if (k >= n) cholesky_solve(joints->K, n, w);
     for (int p = 0; p < n; ++p) {
+        if (joints->each > 0.0) w[p] = (x[p] / size - w[p]) * joints->each / joints->square;
         const double part = fabs(w[p]);
         found.acceleration = smaller(found.acceleration, brakes->acceleration[p] / part);
         found.jerk = smaller(found.jerk, brakes->jerk[p] / part);

@@ -26,6 +26,7 @@ typedef struct {
     const double *e;       /* (m) error */
     const double *carried; /* (m) */
     double gain, damping;
+    double each; /* A is so many times one, a row for each joint; 0: it is something else */
 } Approached;
 
 void approach_rate(const Brakes *brakes, const Approached *task, double *rate, Arena *arena);

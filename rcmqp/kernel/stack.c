@@ -60,8 +60,9 @@ void stack_rows(const Stack *stack, const Cycle *cycle, Hierarchy *hierarchy, Ar
         const int first = task->level > 0 ? (int)hierarchy->ends[task->level - 1] : 0;
         rows_of_one(task, cycle, A + at * n, b + at, e, arena);
         if (task->gain > 0.0) {
-            const Approached wanted = {task->m, first,  A, A + at * n, e, b + at, task->gain,
-                                       stack->damping[task->level]};
+            const int posture = task->block != NULL && task->block->kind == POSTURE;
+            const Approached wanted = {task->m, first, A, A + at * n, e, b + at, task->gain,
+                                       stack->damping[task->level], posture ? task->root : 0.0};
             approach_rate(&brakes, &wanted, rate, arena);
             for (int i = 0; i < task->m; ++i) b[at + i] += rate[i];
         }
