@@ -23,22 +23,22 @@ static double srs_product(const double *angles, const double *offsets, double *g
     return elbow * shoulder * wrist * both;
 }
 
-/* gradient[k] += sum_i B[:, i] . dJ[:, i]/dq_k, with B (6, n) and dJ_i/dq_k = [J_i, J_k], i < k. */
+/* gradient[k] += sum_i B[:, i] . dJ[:, i]/dq_k, with B (6, n) and dJ_i/dq_k = [J_i, J_k], i < k: the
+ * sums over i < k go along with k, as in manipulability.c. */
 static void along_brackets(const double *J, int n, const double *B, double *gradient)
 {
-    for (int k = 1; k < n; ++k)
-        for (int i = 0; i < k; ++i) {
-            const double ni[3] = {J[i], J[n + i], J[2 * n + i]};
-            const double wi[3] = {J[3 * n + i], J[4 * n + i], J[5 * n + i]};
-            const double nk[3] = {J[k], J[n + k], J[2 * n + k]};
-            const double wk[3] = {J[3 * n + k], J[4 * n + k], J[5 * n + k]};
-            double a[3], b[3], c[3];
-            cross(wi, nk, a);
-            cross(wk, ni, b);
-            cross(wi, wk, c);
-            for (int r = 0; r < 3; ++r)
-                gradient[k] += (a[r] - b[r]) * B[r * n + i] + c[r] * B[(3 + r) * n + i];
-        }
+    double by_nu[3] = {0.0}, by_omega[3] = {0.0}, nu[3], omega[3], b[3], c[3], part[3];
+    for (int k = 0; k < n; ++k) {
+        column_of(J, n, k, nu, omega);
+        column_of(B, n, k, b, c);
+        gradient[k] += dot(nu, by_nu, 3) + dot(omega, by_omega, 3);
+        cross(b, omega, part);
+        for (int p = 0; p < 3; ++p) by_nu[p] += part[p];
+        cross(b, nu, part);
+        for (int p = 0; p < 3; ++p) by_omega[p] += part[p];
+        cross(c, omega, part);
+        for (int p = 0; p < 3; ++p) by_omega[p] += part[p];
+    }
 }
 
 /* Add by u v^T to B (6, n), of the singular vectors of the i-th value; none where it is zero. */
