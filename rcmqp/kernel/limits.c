@@ -13,6 +13,7 @@
 /* Sine of the lean beyond which a side has no row. */
 #define SIDE_ON 0.99
 
+/* What goes about the axis asks for so many decelerations at the most, see away(). */
 #define MOST_AWAY 4.0
 
 #define PI 3.14159265358979323846
