@@ -166,8 +166,8 @@ class Command:
             """The diagnostics that of() left out."""
             if name != "diagnostics" or not isinstance(self.account, HierarchySolution):
                 raise AttributeError(f"a Command has no attribute {name!r}")
-            told = self.account.recorded | {"safe_stop": 0.0}
-            object.__setattr__(self, name, told)
+            told = self.account.recorded
+            told.setdefault("safe_stop", 0.0)
             return told
 
 
