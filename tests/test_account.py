@@ -6,14 +6,18 @@ import copy
 import dataclasses
 import gc
 import threading
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from twins import T, cycles, insertion_of
 
-from rcmqp import Insertion, make_controller
+from rcmqp import Insertion, Reference, make_controller
 from rcmqp.controllers import Command, Controller, HierarchicalQP
 from rcmqp.qp import Bounds, Hierarchy, HierarchySolution, Level
+from rcmqp.tasks import RcmTask, Task
+from rcmqp.tasks.base import Residual
+from rcmqp.world.arm import ArmState
 
 
 def law_of(insertion: Insertion) -> HierarchicalQP:
@@ -112,6 +116,116 @@ def test_another_thread_may_ask_while_the_law_goes_on() -> None:
     for thread in threads:
         thread.join()
     assert found == [expected] * 4
+
+
+@pytest.mark.parametrize("asks", ["reads", "steps"])
+def test_a_finalizer_that_asks_meanwhile_changes_nothing(asks: str) -> None:
+    insertion = insertion_of("lwa3")
+    states = list(cycles(insertion))
+    expected = told(law_of(insertion).step(*states[0]))
+    law = law_of(insertion)
+    command = law.step(*states[0])
+    ran: list[str] = []
+
+    class Asking:
+        def __init__(self) -> None:
+            self.itself = self
+
+        def __del__(self) -> None:
+            ran.append(asks)
+            if asks == "reads":
+                told(command)
+            else:
+                for state, reference in states[1:6]:
+                    law.step(state, reference)
+
+    gc.collect()
+    gc.disable()
+    before = gc.get_threshold()
+    Asking()
+    _kept = [{} for _ in range(200)]  # type: ignore[var-annotated]  # none left of those set aside
+    gc.set_threshold(1, 1, 1)
+    gc.enable()
+    try:
+        diagnostics = command.diagnostics
+    finally:
+        gc.set_threshold(*before)
+    assert ran == [asks]
+    assert told(command) == expected
+    assert tuple(diagnostics.items()) == expected[-2]
+
+
+def test_rows_that_are_given_may_be_another_number_before_it_is_asked() -> None:
+    insertion = insertion_of("panda")
+    law = make_controller("hierarchical_qp", insertion, T)
+    counts = iter([1, 3, 2, 3, 1] * 40)
+
+    class Own(Task):
+        name: ClassVar[str] = "own"
+        unit: ClassVar[str] = "rad"
+
+        def evaluate(self, state: ArmState, reference: Reference) -> Residual:
+            m = next(counts)
+            eye = np.eye(state.v.size)[:m]
+            return Residual(0.1 * np.arange(1.0, m + 1.0), eye, np.zeros(m))
+
+    assert isinstance(law, HierarchicalQP)
+    levels = [RcmTask(period=T), Own()]
+    commands = []
+    for late in (False, True):
+        counts = iter([1, 3, 2, 3, 1] * 40)
+        mixed = dataclasses.replace(law, levels=levels)
+        answers = []
+        for state, reference in cycles(insertion):
+            answers.append(mixed.step(state, reference))
+            if not late:
+                told(answers[-1])
+        commands.append([told(answer) for answer in answers])
+    assert commands[0] == commands[1]
+
+
+class Marked(Command):
+    """A Command of a user's own."""
+
+
+class Adding(HierarchicalQP):
+    """A law of a user's own, which adds to what it is given, or answers with something else."""
+
+    wrong: ClassVar[str] = ""
+    own: ClassVar[type[Command]] = Command
+
+    def _step(self, state: ArmState, reference: Reference) -> Command:
+        answer = super()._step(state, reference)
+        answer.diagnostics["mine"] = 2.0
+        if self.wrong:
+            return dataclasses.replace(answer, stop=self.wrong)
+        return self.own(answer.v, answer.diagnostics, answer.account)
+
+
+def test_what_a_law_makes_of_a_command_says_whether_it_stops(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    insertion = insertion_of("lwa3")
+    law = Adding(insertion, T)
+    state, reference = next(iter(cycles(insertion)))
+    for own in (Command, Marked):
+        monkeypatch.setattr(Adding, "own", own)
+        answer = law.step(state, reference)
+        assert type(answer) is own
+        assert (answer.diagnostics["mine"], answer.diagnostics["safe_stop"]) == (2.0, 0.0)
+    monkeypatch.setattr(Adding, "wrong", "mine")
+    assert law.step(state, reference).diagnostics["safe_stop"] == 1.0
+
+
+def test_a_command_that_is_replaced_leaves_the_first_as_it_was() -> None:
+    law = law_of(insertion_of("lwa3"))
+    command = law.step(*next(iter(cycles(law.insertion))))
+    other = dataclasses.replace(command, stop="mine")
+    assert (type(other), other.stop) == (Command, "mine")
+    assert (command.stop, command.diagnostics["safe_stop"]) == ("", 0.0)
+    given = {"a": 1.0}
+    Command(command.v, given)
+    assert given == {"a": 1.0}
 
 
 def test_what_hierarchy_solves_has_no_names_to_record() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from rcmqp import _kernel
 from rcmqp.errors import InvalidProblem, OptionError, UnknownName, WrongShape
 from rcmqp.maths.dualquaternion import Array
 from rcmqp.qp.hierarchy import Hierarchy, hierarchy_backends
@@ -454,3 +455,25 @@ def test_names_options_and_numbers_are_checked_at_the_door() -> None:
         Hierarchy().solve([Level(np.eye(2), [0, 0], "tip")], Bounds([0] * 3, [1] * 3))
     with pytest.raises(InvalidProblem, match=r"rest\[1\] is nan"):
         Hierarchy().solve([], Bounds([0, 0], [1, 1]), rest=[0, np.nan])
+
+
+@pytest.mark.parametrize("number", [100.0, np.inf, -np.inf])
+def test_a_backend_that_writes_into_the_box_does_not_widen_it(number: float) -> None:
+    """Only solve() itself lets it: Bounds are read-only."""
+    A, b = (
+        np.array([[1.0, 0.3], [0.2, 1.0], [1.0, 0.0], [0.0, 1.0]]),
+        np.array([5.0, 5.0, 0.0, 0.0]),
+    )
+    lower, upper = -np.ones(2), np.ones(2)
+
+    def backend(level: int, M: Array, c: Array, R: Array, low: Array, up: Array) -> Array:
+        lower[:] = upper[:] = number
+        return np.zeros(len(R))
+
+    v, account = _kernel.solve(
+        *(A, b, np.array([2, 4]), np.zeros(2), lower, upper, np.ones((1, 2)), np.array([0.5])),
+        *(0, 0, 50, None, np.zeros((3, _kernel.SETS, 3)), backend),
+    )
+    assert lower[0] == number
+    assert (np.abs(v) <= 1.0).all()
+    assert account.numbers[:4].tolist() == [-1.0, -1.0, 1.0, 1.0]

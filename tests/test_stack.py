@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -106,6 +108,10 @@ def orders(insertion: Insertion) -> dict[str, list[LevelOfTasks]]:
     return {
         "shared": [RcmTask(), heavy + RollTask(weight=0.01), posture],
         "shared with the RCM": [RcmTask() + heavy, RollTask(damping=0.0), posture],
+        "posture by weight": [
+            RcmTask(period=T),
+            RollTask(weight=0.5) + dataclasses.replace(posture, weight=9.0),
+        ],
         "strict below": [PoseTask(gain=40.0), RcmTask(), posture],
         "damped objective": [tip, ObjectiveTask.made_for(insertion, damping=0.03)],
         "direction and depth": [RcmTask(period=T), DirectionTask(), DepthTask(), RollTask()],

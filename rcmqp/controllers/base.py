@@ -130,7 +130,8 @@ class Command:
 
     Attributes:
         v: (nv,) joint velocity [rad/s], finite.
-        diagnostics: numbers that the run records, the same names each cycle, and ``safe_stop``.
+        diagnostics: numbers that the run records, the same names each cycle; step() adds
+            ``safe_stop``.
         account: the solver's report on the step, or None.
         stop: why this is the safe stop, in words; empty if it is not the safe stop.
         error: what the law raised, where that is why.
@@ -142,33 +143,43 @@ class Command:
     stop: str = ""
     error: Exception | None = None
 
-    def __post_init__(self) -> None:
-        """Add ``safe_stop`` to the diagnostics."""
-        self.diagnostics["safe_stop"] = 1.0 if self.stop else 0.0
+    @classmethod
+    def of(cls, v: Array, diagnostics: dict[str, float], account: object | None = None) -> Self:
+        """Command(v, diagnostics, account), in a third of the time."""
+        return _kernel.record(cls, v, diagnostics, account, "", None)
+
+
+class Accounted(Command):
+    """A Command whose account is a HierarchySolution, and its diagnostics what that has recorded.
+
+    They are made when somebody asks for them. A copy is a plain Command, and so is what
+    dataclasses.replace() makes of it.
+    """
+
+    __slots__ = ()
 
     @classmethod
-    def of(
-        cls, v: Array, diagnostics: dict[str, float] | None, account: object | None = None
-    ) -> Self:
-        """Command(v, diagnostics, account), in a third of the time.
+    def by(cls, solution: HierarchySolution) -> Command:
+        """The command of a solution; without Python's constructor."""
+        return _kernel.record(cls, solution.v, ..., solution, "", None)
 
-        Without diagnostics they are those that a HierarchySolution, the account, has recorded,
-        made when somebody asks for them.
-        """
-        if diagnostics is None:
-            return _kernel.record(cls, v, ..., account, "", None)
-        diagnostics["safe_stop"] = 0.0
-        return _kernel.record(cls, v, diagnostics, account, "", None)
+    def __new__(cls, *args: Any, **options: Any) -> Command:  # type: ignore[misc]
+        """A plain Command."""
+        return Command(*args, **options)
+
+    def __reduce__(self) -> tuple[type[Command], tuple[object, ...]]:
+        """A plain Command, for copies."""
+        return Command, (self.v, self.diagnostics, self.account, self.stop, self.error)
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> dict[str, float]:
-            """The diagnostics that of() left out."""
-            if name != "diagnostics" or not isinstance(self.account, HierarchySolution):
+            """The diagnostics, the same dictionary each time."""
+            if name != "diagnostics":
                 raise AttributeError(f"a Command has no attribute {name!r}")
-            told = self.account.recorded
-            told.setdefault("safe_stop", 0.0)
-            return told
+            recorded = self.account.recorded
+            recorded.setdefault("safe_stop", 0.0)
+            return recorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,6 +307,8 @@ class Controller(abc.ABC):
             raise InvalidCommand(f"{self.name}: {_wrong_kind(answer)}")
         if not _kernel.all_finite(answer.v, ABSURD):
             return self.safe_stop(state, "the law has no finite velocity here")
+        if type(answer) is not Accounted:
+            answer.diagnostics["safe_stop"] = 1.0 if answer.stop else 0.0
         return answer
 
     @functools.cached_property
@@ -337,7 +350,7 @@ class Controller(abc.ABC):
         brake = self._brake
         brake.reset()
         v = brake.velocity(state.angles, state.v, state.a, state)
-        return Command(v, numbers, account, reason)
+        return Command(v, numbers | {"safe_stop": 1.0}, account, reason)
 
 
 def _wrong_kind(answer: object) -> str:

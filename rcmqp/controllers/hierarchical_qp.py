@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rcmqp.controllers.base import Command, Controller
+from rcmqp.controllers.base import Accounted, Command, Controller
 from rcmqp.controllers.checks import bounded_gain
 from rcmqp.controllers.given import JOINT_LIMITS, Given
 from rcmqp.controllers.stack import LevelOfTasks, Stack
@@ -222,8 +222,7 @@ class HierarchicalQP(Controller):
 
     def _step(self, state: ArmState, reference: Reference) -> Command:
         """One lexicographic optimum."""
-        solution = self._stack.step(state, reference)
-        return Command.of(solution.v, None, solution)
+        return Accounted.by(self._stack.step(state, reference))
 
 
 def _diagnostics(levels: Sequence[LevelOfTasks]) -> dict[str, tuple[str, str]]:

@@ -127,7 +127,7 @@ class Stack:
     def step(
         self, state: ArmState, reference: Reference, evaluated: Evaluated | None = None
     ) -> HierarchySolution:
-        """Solve one step; the solution is accounted for when it is asked, see Account.
+        """Solve one step; its account is made when somebody asks for a number of it.
 
         Args:
             state: of the arm.

@@ -1,7 +1,7 @@
 /* Account: the numbers of a solve, made when they are asked for; see _kernel.pyi.
  *
- * Until then they stand in the memory of the stack that made them. Before it uses that memory again,
- * it has them told; an account that is gone by then was never asked for, and is not made. */
+ * Until then, what they are made of is in a room of the stack. Before the stack uses the room again, it
+ * finishes the account there, unless nobody has the account any more. */
 
 #define NO_IMPORT_ARRAY
 #include "blocks.h"
@@ -10,10 +10,11 @@ struct Account {
     PyObject_HEAD
     Solved solved;
     Arena arena;
-    Room *room;      /* where it stands; NULL once it is told */
+    Room *room;      /* where that is; NULL once the account is made */
     PyObject *owner; /* of the room, kept alive */
     PyObject *names; /* of the numbers in the summary; NULL for none */
-    PyObject *numbers, *summary;
+    PyObject *numbers, *summary; /* NULL until then */
+    int busy;
 };
 
 int add_account_type(PyObject *module);
@@ -23,40 +24,39 @@ static PyTypeObject *account_type;
 /* found[names[i]] = number; 0, or 1 with a Python error */
 static int put(PyObject *found, PyObject *names, int i, double number)
 {
-    PyObject *value = found == NULL ? NULL : PyFloat_FromDouble(number);
+    PyObject *value = PyFloat_FromDouble(number);
     const int failed =
         value == NULL || PyDict_SetItem(found, PyTuple_GET_ITEM(names, i), value) < 0;
     Py_XDECREF(value);
     return failed;
 }
 
-/* What a run records of a solve, by `names` (levels + 3): the norm of each level's residual but
- * the rest's; whether all is exact; joints at a bound; the largest excess of a hard row; the
- * largest KKT residual. HierarchySolution.summary is the same in Python. */
-static PyObject *summary_of(const Hierarchy *hierarchy, const Solution *solution, PyObject *names)
+/* Fill in what a run records of a solve, by `names` (levels + 3): the norm of each level's residual
+ * but the rest's; whether all is exact; joints at a bound; the largest excess of a hard row; the
+ * largest KKT residual. HierarchySolution.summary is the same in Python. Returns -1 with an error. */
+static int summarise(const Hierarchy *hierarchy, const Solution *solution, PyObject *names,
+                     PyObject *summary)
 {
     const int n = hierarchy->n, N = n + hierarchy->m, levels = hierarchy->levels;
     int exact = 1, bounded = 0, first = 0, failed = 0;
     double excess = 0.0, kkt = 0.0;
-    PyObject *found = PyDict_New();
     for (int k = 0; k <= levels; ++k) {
         if (!(solution->info[k * COLUMNS + ROUTE] < UNVERIFIED)) exact = 0;
         if (k > 0 && !(solution->info[k * COLUMNS + KKT] <= kkt))
             kkt = solution->info[k * COLUMNS + KKT];
         if (k == 0 || k == levels) continue;
         const int last = (int)hierarchy->ends[k - 1];
-        failed |= put(found, names, k - 1, norm_of(solution->residual + first, last - first));
+        failed |= put(summary, names, k - 1, norm_of(solution->residual + first, last - first));
         first = last;
     }
     for (int i = 0; i < n; ++i)
         if (solution->touching[i] > 0.0 || solution->touching[N + i] > 0.0) ++bounded;
     for (int i = 0; i < hierarchy->m; ++i) excess = larger(excess, solution->violation[i]);
-    failed |= put(found, names, levels - 1, exact);
-    failed |= put(found, names, levels, bounded);
-    failed |= put(found, names, levels + 1, excess);
-    failed |= put(found, names, levels + 2, kkt);
-    if (failed) Py_CLEAR(found);
-    return found;
+    failed |= put(summary, names, levels - 1, exact);
+    failed |= put(summary, names, levels, bounded);
+    failed |= put(summary, names, levels + 1, excess);
+    failed |= put(summary, names, levels + 2, kkt);
+    return failed ? -1 : 0;
 }
 
 /* Nothing of it stands in the room any more. */
@@ -67,18 +67,33 @@ static void leave(Account *self)
     Py_CLEAR(self->owner);
 }
 
-/* Make the account; -1 with a Python error. */
+/* Make the account, if it is not made; -1 with a Python error.
+ *
+ * A new dictionary may start the garbage collector, and that Python code which asks for this account:
+ * so it comes first. Later only a name's own __hash__ could. */
 static int make(Account *self)
 {
     const Solved *solved = &self->solved;
+    PyObject *summary = self->names == NULL ? Py_NewRef(Py_None) : PyDict_New();
+    if (self->numbers != NULL || summary == NULL || self->busy) {
+        if (self->busy) PyErr_SetString(PyExc_RuntimeError, "this account is being made");
+        Py_XDECREF(summary);
+        return self->numbers != NULL ? 0 : -1;
+    }
+    self->busy = 1;
     account(&solved->hierarchy, &self->solved.solution, &self->arena);
-    self->numbers = copied(solved->numbers, solved->size, -1);
-    if (self->numbers != NULL && self->names != NULL)
-        self->summary = summary_of(&solved->hierarchy, &solved->solution, self->names);
-    else
-        self->summary = Py_NewRef(Py_None);
-    leave(self);
-    return self->numbers == NULL || self->summary == NULL ? -1 : 0;
+    PyObject *numbers = copied(solved->numbers, solved->size, -1);
+    if (numbers != NULL && self->names != NULL &&
+        summarise(&solved->hierarchy, &solved->solution, self->names, summary) < 0)
+        Py_CLEAR(numbers);
+    leave(self); /* what account() has scaled cannot be accounted for again */
+    self->busy = 0;
+    if (numbers == NULL) {
+        Py_DECREF(summary);
+        return -1;
+    }
+    self->numbers = numbers, self->summary = summary;
+    return 0;
 }
 
 /* The account of a solve, still to be made where there is a room; or NULL with a Python error. */
@@ -98,8 +113,8 @@ PyObject *make_account(const Solved *solved, Arena arena, Room *room, PyObject *
     return (PyObject *)self;
 }
 
-/* Have the account that stands in a room made, if there is one; -1 with a Python error. */
-int tell(Room *room)
+/* Make the account in a room, if there is one, before the room is used again; -1 with an error. */
+int finish_account(Room *room)
 {
     Account *self = room->account;
     if (self == NULL) return 0;
@@ -109,24 +124,24 @@ int tell(Room *room)
     return made;
 }
 
-/* One of its two, made if need be. */
-static PyObject *told(Account *self, PyObject *const *which)
+/* One of its two parts. */
+static PyObject *part_of(Account *self, PyObject *const *part)
 {
     if (self->room != NULL && make(self) < 0) return NULL;
-    if (*which == NULL) PyErr_SetString(PyExc_RuntimeError, "the account could not be made");
-    return Py_XNewRef(*which);
+    if (*part == NULL) PyErr_SetString(PyExc_RuntimeError, "this account could not be made");
+    return Py_XNewRef(*part);
 }
 
-static PyObject *numbers_told(Account *self, void *unused)
+static PyObject *get_numbers(Account *self, void *unused)
 {
     (void)unused;
-    return told(self, &self->numbers);
+    return part_of(self, &self->numbers);
 }
 
-static PyObject *summary_told(Account *self, void *unused)
+static PyObject *get_summary(Account *self, void *unused)
 {
     (void)unused;
-    return told(self, &self->summary);
+    return part_of(self, &self->summary);
 }
 
 static void account_dealloc(Account *self)
@@ -141,8 +156,8 @@ static void account_dealloc(Account *self)
 }
 
 static PyGetSetDef getters[] = {
-    {"numbers", (getter)numbers_told, NULL, "All numbers of an Answer, in its order.", NULL},
-    {"summary", (getter)summary_told, NULL, "What a run records of the solve, or None.", NULL},
+    {"numbers", (getter)get_numbers, NULL, "All numbers of an Answer, in its order.", NULL},
+    {"summary", (getter)get_summary, NULL, "What a run records of the solve, or None.", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 

@@ -47,6 +47,6 @@ typedef struct {
 PyObject *make_account(const Solved *solved, Arena arena, Room *room, PyObject *owner,
                        PyObject *names);
 
-int tell(Room *room);
+int finish_account(Room *room);
 
 #endif

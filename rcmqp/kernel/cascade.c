@@ -169,19 +169,19 @@ static void add_speed(const State *state, const Level *level, Problem *problem, 
     arena->used = mark;
 }
 
-/* Have the bounds' rows along Z made, unless they are there. */
-static void see_bounds(const State *state)
+/* Make the bounds' rows along Z, unless they are made. */
+static void make_bound_rows(const State *state)
 {
-    Seen *seen = state->seen;
+    BoundRows *made = state->bound_rows;
     const int free = state->free, n = state->n;
     const size_t size = sizeof(double) * (size_t)(free * n);
-    if (seen->free == free && memcmp(seen->Z, state->Z, size) == 0) return;
-    seen->free = free;
-    memcpy(seen->Z, state->Z, size);
+    if (made->free == free && memcmp(made->Z, state->Z, size) == 0) return;
+    made->free = free;
+    memcpy(made->Z, state->Z, size);
     for (int i = 0; i < state->N; ++i) {
-        double *row = seen->rows + i * free;
+        double *row = made->rows + i * free;
         bound_along(state, i, row);
-        seen->squares[i] = dot(row, row, free);
+        made->squares[i] = dot(row, row, free);
     }
 }
 
@@ -210,12 +210,12 @@ void make_problem(const State *state, const Level *level, Problem *problem, doub
     }
     problem->scale = norm_of(level->b, m) / weight + sqrt(total);
     if (damped) add_speed(state, level, problem, held + m, L, still, arena);
-    if (N > 0) see_bounds(state);
+    if (N > 0) make_bound_rows(state);
     for (int i = 0; i < N; ++i) {
         if (state->lower[i] == -INFINITY && state->upper[i] == INFINITY) continue;
-        if (!(state->seen->squares[i] > FIXED * FIXED)) continue;
+        if (!(state->bound_rows->squares[i] > FIXED * FIXED)) continue;
         const double Gv = bounded(state, state->v, i);
-        memcpy(R + problem->k * free, state->seen->rows + i * free, sizeof(double) * (size_t)free);
+        memcpy(R + problem->k * free, state->bound_rows->rows + i * free, sizeof(double) * (size_t)free);
         lower[problem->k] = smaller(state->lower[i] - Gv, 0.0);
         upper[problem->k] = larger(state->upper[i] - Gv, 0.0);
         rows[problem->k++] = i;

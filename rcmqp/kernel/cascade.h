@@ -95,7 +95,7 @@ typedef struct {
     double *Z;       /* (free, n) the directions that they were made for */
     double *rows;    /* (N, free) */
     double *squares; /* (N) of their norms */
-} Seen;
+} BoundRows;
 
 /* A feasible point and the directions in which it may still move. */
 typedef struct {
@@ -112,7 +112,7 @@ typedef struct {
     double *h;     /* (held) H v as the damped levels left it */
     double *shift; /* (held) strict levels are held to h plus this: H (v_k - v0), without bounds */
     const double *offset; /* (n) v_k - v0 of the level at hand; NULL without bounds */
-    Seen *seen;
+    BoundRows *bound_rows;
 } State;
 
 /* Asks a backend for the active set of one blocked level: 1 at upper, -1 at lower, 0, in set

@@ -40,7 +40,7 @@
  * about 1, so that tolerances fit any box. */
 struct Descent {
     State state;
-    Seen seen;
+    BoundRows bound_rows;
     double unit;
     double *A;    /* (rows, n) without entries below the resolution, which decide nothing */
     double *goal; /* (rows) b */
@@ -485,7 +485,7 @@ static void finish(const Hierarchy *hierarchy, const Descent *descent, double *v
 }
 
 /* Whether level k, or for 0 the hard rows, is reached; and its residual, or their excess. */
-static void reach(const Hierarchy *hierarchy, Solution *solution, int k)
+static void see_reached(const Hierarchy *hierarchy, Solution *solution, int k)
 {
     const int n = hierarchy->n;
     double *reached = solution->info + k * COLUMNS + REACHED;
@@ -542,7 +542,7 @@ void account(const Hierarchy *hierarchy, Solution *solution, Arena *arena)
         double kkt = kkt_residual(state, &level, damped ? at : v, descent->speeds + k * n * n,
                                   descent->stills + k * n, multipliers, descent->Zs + k * n * n,
                                   descent->frees[k], small, arena);
-        if (k > hierarchy->guarded) reach(hierarchy, solution, k);
+        if (k > hierarchy->guarded) see_reached(hierarchy, solution, k);
         if (norm_of(level.A, level.m * n) == 0.0) kkt = 0.0; /* nothing to do, nothing to prove */
         info[KKT] = kkt = larger(kkt, over);
         const int proved = kkt <= EXACT && !descent->doubts[k];
@@ -562,7 +562,7 @@ static int solve_once(const Hierarchy *hierarchy, int after, double *sets, Solut
     const int N = hierarchy->n + hierarchy->m, count = hierarchy->levels + 1;
     Descent *descent = solution->descent;
     *descent = scaled(hierarchy, solution->v, arena);
-    descent->state.seen = &descent->seen;
+    descent->state.bound_rows = &descent->bound_rows;
     memset(solution->multipliers, 0, sizeof(double) * (size_t)(count * N));
     memset(solution->info, 0, sizeof(double) * (size_t)(count * COLUMNS));
     if (hierarchy->max_rounds == 0) {
@@ -575,7 +575,7 @@ static int solve_once(const Hierarchy *hierarchy, int after, double *sets, Solut
         return -1;
     }
     finish(hierarchy, descent, solution->v);
-    for (int k = 0; k <= hierarchy->guarded; ++k) reach(hierarchy, solution, k);
+    for (int k = 0; k <= hierarchy->guarded; ++k) see_reached(hierarchy, solution, k);
     return 0;
 }
 

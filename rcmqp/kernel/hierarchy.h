@@ -44,8 +44,8 @@ typedef struct {
 /* What an account is made of, besides the answer. */
 typedef struct Descent Descent;
 
-/* What is answered: all by account(), v, the multipliers and what of info is no KKT residual before
- * that, in units of its own. */
+/* What is answered. solve_hierarchy() fills in v, and for account() what it needs; account() the
+ * rest. */
 typedef struct {
     double *v;           /* (n) inside the box, finite */
     double *residual;    /* (rows) A v - b */

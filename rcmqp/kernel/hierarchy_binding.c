@@ -65,6 +65,8 @@ int solve_in(Solved *solved, const double *start, double *sets, PyObject *backen
     make_space(solved, arena);
     memcpy(solved->numbers, hierarchy->lower, size);
     memcpy(solved->numbers + hierarchy->n, hierarchy->upper, size);
+    hierarchy->lower = solved->numbers; /* a backend may write into the caller's box */
+    hierarchy->upper = solved->numbers + hierarchy->n;
     if (start != NULL) memcpy(solved->solution.v, start, size);
     return solve_hierarchy(hierarchy, sets, &solved->solution, backend == Py_None ? NULL : ask,
                            backend, arena);

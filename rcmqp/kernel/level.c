@@ -48,7 +48,7 @@ static void products(const Problem *problem, const double *y, double *Ry)
 }
 
 /* Whether R y (k) keeps every bound to FEASIBILITY_TOL. */
-static int kept(const Problem *problem, const double *Ry)
+static int within_bounds(const Problem *problem, const double *Ry)
 {
     double size = 1.0, worst = 0.0;
     for (int i = 0; i < problem->k; ++i) {
@@ -67,7 +67,7 @@ int feasible(const Problem *problem, const double *y, Arena *arena)
     double *Ry = take(arena, problem->k);
     products(problem, y, Ry);
     arena->used = mark;
-    return kept(problem, Ry);
+    return within_bounds(problem, Ry);
 }
 
 /* Share in [0, 1] of a step that is feasible; *row blocks it (or -1), on *side.
@@ -309,7 +309,7 @@ int solve_level(const Problem *problem, int max_rounds, double *set, Face *face,
                 working.rows[working.count++] = row, held[row] = side;
                 continue;
             }
-            if (kept(problem, Ry)) {
+            if (within_bounds(problem, Ry)) {
                 guessed = 0, checked = 1;
                 memset(step, 0, sizeof(double) * (size_t)r);
             } else { /* start from the way to it, without a working set */

@@ -188,7 +188,7 @@ static int make_room(StackObject *self, const Hierarchy *hierarchy, npy_intp row
     const int n = hierarchy->n, m = hierarchy->m, levels = hierarchy->levels;
     const size_t size = memory_for_rows(n, m, (int)rows) + memory_for(n, m, (int)rows, levels);
     Room *room = &self->rooms[self->turn];
-    if (tell(room) < 0) return -1;
+    if (finish_account(room) < 0) return -1;
     if (size > room->capacity) {
         double *memory = PyMem_RawRealloc(room->memory, sizeof(double) * size);
         if (memory == NULL) return PyErr_NoMemory(), -1;

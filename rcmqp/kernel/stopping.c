@@ -155,11 +155,11 @@ static double smooth_highest(double v, double low, double high, double distance,
 
 /* Whether a with reach(v + a, a) = distance is found from a guess on. Where something only slows down,
  * the speed that its stop takes away and the way of it are linear in a and in the end of the stop, as
- * long as the end and both corners stay between the same whole numbers: Newton's method is there when
- * they do. */
+ * long as the end and both corners stay between the same whole numbers: then one step of Newton's method
+ * is exact. */
 static int hit(double v, double distance, double most, double *a)
 {
-    double end = guess_of_end(v + *a, *a, most), first, second, piece[3] = {INFINITY};
+    double end = guess_of_end(v + *a, *a, most), first, second, piece[3] = {INFINITY, INFINITY, INFINITY};
     for (int i = 0; i < STEPS; ++i) {
         corners(end, *a, most, &first, &second);
         const double whole[3] = {trunc(end), trunc(second), trunc(first)};

@@ -189,7 +189,7 @@ class HierarchySolution:
 
     @property
     def recorded(self) -> dict[str, float]:
-        """The summary by name; empty where the numbers have none, as of Hierarchy.solve()."""
+        """The summary by name, the same dictionary each time; empty for Hierarchy.solve()."""
         return self._answer.account.summary or {}
 
     @property
@@ -281,7 +281,7 @@ class Answer:
     """Numbers of one solve, as compiled code leaves them; read-only.
 
     Attributes:
-        account: all of them in one array, in the order of the properties, once it is asked.
+        account: makes them when one of them is asked for.
         ends: (levels,) where each level's rows end; the last level is the rest.
         n: unknowns.
         m: hard rows.
@@ -294,7 +294,7 @@ class Answer:
 
     @property
     def numbers(self) -> Array:
-        """All of them."""
+        """All of them in one array, in the order of the properties below."""
         return self.account.numbers
 
     @property
