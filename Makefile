@@ -16,7 +16,7 @@ INSTALLED := $(VENV)/.installed
 
 FRANKA := $(VENV)/.franka
 NODE := node_modules/.package-lock.json
-KERNEL_TESTS := tests/test_compiled.py tests/test_stack.py tests/test_given_rows.py tests/test_rows.py tests/test_priority.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py tests/test_dampers.py tests/test_limits_at_speed.py tests/test_trocar_speed.py
+KERNEL_TESTS := tests/test_compiled.py tests/test_account.py tests/test_stack.py tests/test_given_rows.py tests/test_rows.py tests/test_priority.py tests/test_qp_hierarchy.py tests/test_approach.py tests/test_planner.py tests/test_dampers.py tests/test_limits_at_speed.py tests/test_trocar_speed.py
 SANITIZED = PYTHONPATH=$(VENV)/sanitized LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
 	ASAN_OPTIONS=detect_leaks=0 OMP_NUM_THREADS=1
 DOCS := $(VENV)/.docs
