@@ -140,7 +140,7 @@ PyObject *carried(PyObject *self, PyObject *const *args, Py_ssize_t count)
 
 /* view_pose(cls, x_rcm, alpha, beta, gamma, t_z, alpha_dot, beta_dot, gamma_dot, t_z_dot, pivot_dot):
  * a Reference of x_d, x_d_dot, pivot and pivot_dot, none of them to be written or anybody else's; None
- * if x_rcm or pivot_dot is no vector of its size. */
+ * if the shape of x_rcm is not (8,) or that of pivot_dot not (3,). */
 PyObject *view_pose(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;

@@ -51,8 +51,7 @@ static void slope(const Cycle *cycle, const double *W, double *gradient)
         const double w_r[3] = {W[i], W[n + i], 0.0};
         column(cycle, i, nu, omega);
         omega[2] = 0.0;
-        cross(omega, w_r, part);
-        for (int p = 0; p < 3; ++p) turning[p] += part[p];
+        add_cross(omega, w_r, turning);
     }
     for (int k = 0; k < n; ++k) {
         const double w_r[3] = {W[k], W[n + k], 0.0};
@@ -70,12 +69,9 @@ static void slope(const Cycle *cycle, const double *W, double *gradient)
             on_nu[p] = w_t[p] - w_r[p];
             on_omega[p] = part[p] + (p < 2 ? on_omega[p] : 0.0);
         }
-        cross(on_nu, omega, part);
-        for (int p = 0; p < 3; ++p) by_nu[p] += part[p];
-        cross(on_omega, omega, part);
-        for (int p = 0; p < 3; ++p) by_omega[p] += part[p];
-        cross(on_nu, nu, part);
-        for (int p = 0; p < 3; ++p) by_omega[p] += part[p];
+        add_cross(on_nu, omega, by_nu);
+        add_cross(on_omega, omega, by_omega);
+        add_cross(on_nu, nu, by_omega);
     }
 }
 

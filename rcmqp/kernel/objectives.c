@@ -27,17 +27,14 @@ static double srs_product(const double *angles, const double *offsets, double *g
  * sums over i < k go along with k, as in manipulability.c. */
 static void along_brackets(const double *J, int n, const double *B, double *gradient)
 {
-    double by_nu[3] = {0.0}, by_omega[3] = {0.0}, nu[3], omega[3], b[3], c[3], part[3];
+    double by_nu[3] = {0.0}, by_omega[3] = {0.0}, nu[3], omega[3], b[3], c[3];
     for (int k = 0; k < n; ++k) {
         column_of(J, n, k, nu, omega);
         column_of(B, n, k, b, c);
         gradient[k] += dot(nu, by_nu, 3) + dot(omega, by_omega, 3);
-        cross(b, omega, part);
-        for (int p = 0; p < 3; ++p) by_nu[p] += part[p];
-        cross(b, nu, part);
-        for (int p = 0; p < 3; ++p) by_omega[p] += part[p];
-        cross(c, omega, part);
-        for (int p = 0; p < 3; ++p) by_omega[p] += part[p];
+        add_cross(b, omega, by_nu);
+        add_cross(b, nu, by_omega);
+        add_cross(c, omega, by_omega);
     }
 }
 

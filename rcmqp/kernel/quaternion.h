@@ -9,6 +9,14 @@ static inline void cross(const double *a, const double *b, double *out)
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+/* out += a x b */
+static inline void add_cross(const double *a, const double *b, double *out)
+{
+    double product[3];
+    cross(a, b, product);
+    for (int i = 0; i < 3; ++i) out[i] += product[i];
+}
+
 static inline void q_mul(const double *a, const double *b, double *out)
 {
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];

@@ -166,7 +166,7 @@ static PyArrayObject *rate_of(PyObject *values, npy_intp size, PyObject *other)
 
 /* state(cls, q, angles, oMe, placement, J_local, v, a, still, tool_at): an ArmState of a placement
  * as dq_of_xyzquat() takes it, and of copies of J_local, v and a; still (nv,) stands for a v or an a
- * that is None. None if v or a is no vector of that size. */
+ * that is None. The answer is None if the shape of v or a is not (nv,). */
 PyObject *state(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     double x[8];
@@ -194,7 +194,7 @@ PyObject *state(PyObject *self, PyObject *const *args, Py_ssize_t count)
     return made;
 }
 
-/* moved(q, v, dt, size): q + dt v; None if the two are no vectors of that size. */
+/* moved(q, v, dt, size): q + dt v; None if the shape of q or v is not (size,). */
 PyObject *moved(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     (void)self;
